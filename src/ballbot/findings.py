@@ -30,6 +30,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "closed-loop": "which model predicts the closed loop better",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "constant": "a column never changes",
+        "copied": "two columns have the same values",
         "correlated": "parameters that the data cannot separate",
         "corrupted": "rows with corrupted values are not used",
         "dead-band": "the duty that the firmware adds to overcome friction",

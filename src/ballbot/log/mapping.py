@@ -68,12 +68,13 @@ torques [N m].
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
-The steps of `apply_mapping`, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
-when the rows were sampled, shift and resample, convert an IMU's angles, differentiate, compute torques, keep intervals.
-Delays are removed: a sensor's value that reached the log `delay` late describes the time t - delay, and a command
-logged at t acts at t + delay and is held until the next. Rows for which a delayed column has no value are cut off. At
-even intervals, sensors are interpolated between the file's rows, and a command is its mean over the time to the next
-row, so that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones have no value.
+The steps of `apply_mapping`, in order: clear failed readings (`without_dropouts`), scale, continue wheel angles across
+resets or integrate their speeds, estimate when the rows were sampled, shift and resample, convert an IMU's angles,
+differentiate, compute torques, keep intervals. Delays are removed: a sensor's value that reached the log `delay` late
+describes the time t - delay, and a command logged at t acts at t + delay and is held until the next. Rows for which a
+delayed column has no value are cut off. At even intervals, sensors are interpolated between the file's rows, and a
+command is its mean over the time to the next row, so that its impulse is kept; short holes (`without_holes`) are
+filled, rows in longer ones have no value.
 """
 
 import math
@@ -114,7 +115,7 @@ from ballbot.log.imu_angles import (
     less_half_a_turn,
     quaternion_angles,
 )
-from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
+from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times, without_dropouts
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_headings
 from ballbot.robot import RobotLike, as_robot
@@ -528,6 +529,11 @@ def apply_mapping(
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
+    # zero may be a command
+    others = ("t", "ref_x", "ref_y", "ref_psi", *mapping.commands)
+    sensors = [source.column for name, source in mapping.sources.items() if name not in others]
+    table, lost = without_dropouts(table, sensors)
+    changes += lost
     columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes))
     imu, drive = mapping.attitude, mapping.input
     if imu is not None:

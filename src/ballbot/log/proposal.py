@@ -15,9 +15,10 @@ import numpy as np
 
 from ballbot.errors import InputError, about
 from ballbot.file_formats import format_line
-from ballbot.findings import Finding, by_severity, note, warning
+from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.log.checks import check
 from ballbot.log.checks.table import judged
+from ballbot.log.checks.values import check_copies, is_constant
 from ballbot.log.clock import clock_unit
 from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
@@ -39,7 +40,13 @@ from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
 from ballbot.log.mapping_search.units import Unit, lean_units
 from ballbot.log.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
-from ballbot.log.row_order import LONGEST_PAUSE, increasing_rows, longest_run, rows_with_times
+from ballbot.log.row_order import (
+    LONGEST_PAUSE,
+    increasing_rows,
+    longest_run,
+    rows_with_times,
+    without_dropouts,
+)
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
@@ -131,6 +138,12 @@ class Proposal:
     def tested(self) -> LeanTest | None:
         return self.motion.tested if self.motion else None
 
+    @property
+    def faulty(self) -> str:
+        """The first error for which no mapping makes a log; empty without one."""
+        errors = (item for item in self.findings if item.severity == "error")
+        return next((item.text for item in errors if item.code not in OF_THE_RECORDING), "")
+
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
     """Read a foreign log, a table of any format that Ballbot reads, and propose how it becomes one of Ballbot's.
@@ -179,6 +192,14 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     cut = {name: values[first:last] for name, values in table.columns.items()}
     cut = rows_with_times(cut, roles.time, sentences)
     notes = [note("file", sentence) for sentence in sentences]
+    cut, lost = without_dropouts(cut, (*roles.attitude, *roles.angles, *roles.gyro))
+    notes += lost
+    if len(roles.attitude) == 3 and not roles.quaternion and is_constant(yaw := cut[roles.attitude[2]]):
+        text = (
+            f"{roles.attitude[2]} is {np.nanmin(yaw):g} throughout, which shows no heading: it is not used."
+        )
+        notes.append(warning("constant", text, roles.attitude[2]))
+        roles = replace(roles, attitude=roles.attitude[:2])
     ordered = increasing_rows(cut[roles.time])
     if not ordered.all():
         cut = {name: values[ordered] for name, values in cut.items()}
@@ -313,6 +334,8 @@ def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterat
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield findings that the mapping does not correct."""
     roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
+    if proposal.what != "free wheels":
+        yield from _sensor_faults(proposal, motion)
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
     if holes:
@@ -335,6 +358,26 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
             yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
     if proposal.drive is not None:
         yield from _torque_finding(proposal.drive, proposal.robot.drive, roles.commands)
+
+
+def _sensor_faults(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
+    """Yield the errors of a balancing robot's columns that no sensor gives."""
+    roles, cut, tested = proposal.roles, proposal.base.cut, motion.tested
+    for group in (roles.angles, () if roles.quaternion else roles.attitude[:2], roles.gyro, roles.commands):
+        yield from check_copies(cut, group)
+    for name in (*roles.angles, *roles.attitude[:2]):
+        if is_constant(cut[name]):
+            text = f"{name} is {np.nanmin(cut[name]):g} throughout, as if its sensor or cable were dead."
+            yield error("constant", text, name)
+    if (tested is None or tested.confidence < CONFIDENT) and not roles.of_speeds:
+        sums = dict(zip(roles.angles, np.cumsum(proposal.base.stacked(roles.angles), axis=0).T, strict=True))
+        summed = motion_of_file(replace(proposal.base, cut={**cut, **sums})).tested
+        if summed and summed.confidence >= CONFIDENT:
+            text = (
+                f"{', '.join(roles.angles)} do not turn as the robot moves, but their running sums do: they are "
+                "changes from row to row. Write their sums into the file, or log the counts themselves."
+            )
+            yield error("columns", text, *roles.angles)
 
 
 def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -> Iterator[Finding]:
@@ -456,6 +499,8 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
 
 def _refusal(proposal: Proposal) -> str:
     """Return why a proposal makes no log of the robot; empty if it makes one."""
+    if proposal.faulty:
+        return proposal.faulty
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -492,6 +537,8 @@ def mapping_text(proposal: Proposal) -> str:
     if proposal.questions:
         reason = "answer the lines with cannot determine, then remove this line"
         lines.append(toml_line("complete", False, reason))
+    elif proposal.faulty:
+        lines.append(toml_line("complete", False, "columns are faulty: `ballbot check-log` names them"))
     asked = {question.key: question.text for question in proposal.questions}
     tables = {
         **_recording_lines(proposal),
@@ -646,7 +693,9 @@ def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     log_is = f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s"
-    lines = [f"{log_is}; usable for {_USES[proposal.what]}{without}."]
+    lines = [
+        f"{log_is}; {'not usable' if proposal.faulty else 'usable for ' + _USES[proposal.what] + without}."
+    ]
     shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]

@@ -164,6 +164,38 @@ def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
     return continued
 
 
+#: a value to which a signal jumps and from which it comes back so many times is one of a failed reading, if the jumps
+#: are so many times its other steps, of which so many must be known
+DROPOUTS, DROPPED, LEAST_STEPS = 3, 5.0, 50
+
+
+def dropouts(values: Floats) -> Bools:
+    """Return the rows of a signal (N,) with one value, such as 0, to which it jumps again and again, and comes back."""
+    lost = np.zeros(len(values), dtype=np.bool_)
+    rows = np.flatnonzero(np.isfinite(values))
+    if rows.size <= LEAST_STEPS:
+        return lost
+    starts, lengths = runs_of(values[rows])
+    x = values[rows][starts]
+    if len(x) < 3:
+        return lost
+    change = np.diff(np.pad(x, 1, mode="reflect"))  # an end has its neighbour on both sides
+    turns = np.flatnonzero(np.sign(change[1:]) * np.sign(change[:-1]) < 0.0)
+    found, times = np.unique(x[turns], return_counts=True)
+    there = x == found[np.argmax(times)]
+    rest = np.abs(np.diff(x[~there]))
+    if len(rest) < LEAST_STEPS or not rest.any():
+        return lost
+    beside = np.lib.stride_tricks.sliding_window_view(np.pad(rest, 2), 3).max(axis=1)
+    turns = turns[there[turns]]
+    near = beside[np.cumsum(~there)[turns]]
+    jump = np.minimum(np.abs(change[turns]), np.abs(change[turns + 1]))
+    if np.count_nonzero(jump > DROPPED * np.maximum(near, np.median(rest[rest > 0.0]))) >= DROPOUTS:
+        inside = (turns > 0) & (turns < len(x) - 1)
+        lost[rows] = np.repeat(np.isin(np.arange(len(x)), turns[inside | (jump > near)]), lengths)
+    return lost
+
+
 def encoder_step(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
     steps_of_wheels = []

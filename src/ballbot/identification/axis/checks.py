@@ -10,6 +10,7 @@ import numpy as np
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.motion import (
+    CLEAR,
     AxisMotion,
     InverseModel,
     inverse_model,
@@ -20,7 +21,7 @@ from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
-ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
+ERROR_CODES = ("excitation", "force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
 #: [s]; a longer one is rather another unit of time
@@ -124,6 +125,8 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
 def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:
     """Find a force that does not move the axis."""
     mass, explained = inverse.values["mass"], 100.0 * max(inverse.explained, 0.0)
+    # the power of a force that moves an axis against friction is positive
+    driven = float(np.mean(record.force[1:] * np.diff(record.position))) > 0.0
     size, share_up = np.abs(record.force), float(np.mean(np.diff(record.position) > 0.0))
     one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
     if one_sign and 0.2 < share_up < 0.8 and np.quantile(size, 0.01) < 0.05 * size.max():
@@ -138,13 +141,19 @@ def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:
             "reference of the position, noise or from another run, or something else moves the axis."
         )
         yield error("force-unrelated", text, "force", "position")
-    elif mass <= 0.0:
+    elif mass <= 0.0 and not driven:
         text = (
-            f"The inverse model estimates a mass of {mass:.3g}, which must be above zero: the force, or the position, "
-            "has the opposite sign, or the force is delayed against the position, its column is wrong, or the axis "
-            "hardly accelerates."
+            f"The inverse model estimates a mass of {mass:.3g}, which must be above zero, and the force brakes the "
+            "axis: the force, or the position, has the opposite sign."
         )
         yield error("force-sign", text, "force", "position")
+    elif mass <= CLEAR * inverse.errors["mass"]:
+        text = (
+            f"The record does not show the mass: a plain regression of the force gives {inverse.text(record.unit)}, "
+            f"and explains {explained:.0f} %. The axis hardly accelerates, the force is delayed, or it is the friction "
+            "alone, without the inertia's part. Record all of the force that drives the axis, while it accelerates."
+        )
+        yield error("excitation", text, "force", "position")
     elif inverse.explained < _WELL_EXPLAINED:
         text = (
             f"The motion of the axis explains {explained:.0f} % of the force; something else moves it as well, or the "

@@ -17,6 +17,7 @@ from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding, finding
 from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.evidence import SCALED
 from ballbot.log.log import Log
 from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
-#: an order must correlate better than the columns' own by this much on average to be preferred, and all by this much
-CLEAR_MARGIN, CLEAR_CORRELATION = 0.05, 0.9
+#: an order must correlate better than the columns' own by this much on average to be preferred
+CLEAR_MARGIN = 0.05
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
 #: gains within the first factor of each other have one cause, which is an error beyond the second factor; and a gain
@@ -177,7 +178,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         return misread
     if agreement is None:
         return judged("wheels: unseen", [])
-    follows = min(agreement.correlations) >= CLEAR_CORRELATION
+    follows = min(agreement.correlations) >= SCALED
     if follows and agreement.own:
         return _gain_findings(agreement.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake

@@ -14,15 +14,15 @@ from ballbot.arrays import Floats
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
+from ballbot.log.evidence import RELATED
 from ballbot.log.log import Log
 
 COMPARED_TIME = 0.5  #: [s] over which an angle's change and its rate's integral are compared
 #: rows to compare at intervals longer than this [s], since the unit of time may be wrong
 SLOW_ROWS, SLOW = 100, 0.2
 FEWEST_ROWS = 40  #: for a comparison
-CLEAR_CORRELATION = 0.8  #: below which a comparison is not conclusive
-#: columns are swapped if each agrees with the other's rate by this much, and more than with its own by the margin
-SWAPPED_CORRELATION, SWAPPED_MARGIN = 0.7, 0.3
+#: columns are swapped if each agrees with the other's rate by more than with its own by this much
+SWAPPED_MARGIN = 0.3
 #: units that a column may be in, by their number in an SI unit
 _LENGTHS = {100.0: "cm", 1000.0: "mm"}
 _ANGLES = {float(np.degrees(1.0)): "degrees", 1000.0: "mrad", 1.0 / (2.0 * np.pi): "turns"}
@@ -93,12 +93,12 @@ def _contradictions(
 ) -> tuple[dict[str, float], list[Finding]]:
     """Return the clear ratios of columns to their own rates, and findings on these and on pairs that are exchanged."""
     agreements = {name: agreement for name in names if (agreement := compared(name, name))}
-    clear = {name: own for name, own in agreements.items() if abs(own[0]) >= CLEAR_CORRELATION}
+    clear = {name: own for name, own in agreements.items() if abs(own[0]) >= RELATED}
     findings = [item for name in clear for item in _verdict(name, rates(name), *clear[name])]
 
     def follows(name: str, other: str) -> bool:
         crossed, own = compared(name, other), abs(agreements[name][0])
-        return crossed is not None and abs(crossed[0]) >= max(SWAPPED_CORRELATION, own + SWAPPED_MARGIN)
+        return crossed is not None and abs(crossed[0]) >= max(RELATED, own + SWAPPED_MARGIN)
 
     for first, second in (pair for pair in pairs if {*pair} <= set(agreements)):
         if follows(first, second) and follows(second, first):

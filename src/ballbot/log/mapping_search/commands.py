@@ -20,6 +20,7 @@ from ballbot.log import Log
 from ballbot.log.columns import FACTORS
 from ballbot.log.evidence import (
     CONFIDENT,
+    RELATED,
     correlations,
     probabilities,
     vertex_with_error,
@@ -43,8 +44,6 @@ from ballbot.log.torque_balance import (
 from ballbot.robot import Drive, Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
-#: correlation of a free wheel's speed with its command
-FOLLOWED = 0.8
 #: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
 DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
 #: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
@@ -124,7 +123,8 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     sums = {order: float(size[rows, order].sum()) for order in permutations(rows)}
     # of commands that are alike, the file's own order
     best, other = sorted(sums, key=lambda order: (-round(sums[order], 6), order))[:2]
-    if size[rows, best].min() < FOLLOWED:
+    # a slow sweep has few independent samples, but nothing else turns a free wheel
+    if size[rows, best].min() < RELATED:
         return None
     return CommandOrder(
         wheels=best,

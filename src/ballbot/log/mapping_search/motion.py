@@ -11,7 +11,7 @@ import numpy as np
 
 from ballbot.arrays import Bools, Floats
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.evidence import ERRORS_WEIGHT, correlations
+from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, confidence_in
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
 from ballbot.log.mapping_search.names import InputKind, Roles
@@ -49,8 +49,8 @@ WIDTHS = (0.05, 0.12, 0.2)
 WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 #: rows whose intervals differ by less than this part need no repair
 EVEN_TIMES = 0.01
-#: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
-GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
+#: how far the gain of a gyro that follows the rates of the angles may be off [log]
+GYRO_GAIN = 0.3
 #: time [s] at each end, with a one-sided fit, that is not used for the handedness; its least standard error
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: logarithm of the odds that roll and pitch turn with the heading, as those of most IMUs do, before a log is seen
@@ -365,12 +365,16 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
 def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
     """Return how a gyro (N, 3) fits the rates of angles (N, 3) [rad]; None if it does not."""
     b = _body_rates(angles)
-    R = correlations(a, b)
+    R, confidence = confidence_in(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
-    agreement = [abs(float(R[order[axis], axis])) for axis in axes]
-    if min(agreement[:2]) < GYRO_CORRELATION:
+    shown = (np.abs(R) >= RELATED) & (confidence >= CONFIDENT)
+    if not (shown[order[0], 0] and shown[order[1], 1]):
         return None
+    # a heading that hardly turns shows no sign
+    with_yaw = with_yaw and bool(shown[order[2], 2])
+    axes = axes[: 3 if with_yaw else 2]
+    agreement = [abs(float(R[order[axis], axis])) for axis in axes]
     signs = [1 if R[order[axis], axis] > 0.0 else -1 for axis in axes]
     if not with_yaw:  # axes of one handedness
         signs.append(signs[0] * signs[1] * (1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1))
