@@ -95,6 +95,7 @@ from ballbot.log.columns import (
     ATTITUDE_NAMES,
     KNOWN_NAMES,
     MAX_WHEELS,
+    MOCAP_NAMES,
     Columns,
     check_column_names,
     factor_to,
@@ -429,7 +430,7 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
     if speed.wrap or speed.largest_speed:
         yield "[wheels] speed cannot have wrap or largest_speed, which are of angles"
     for name, entry in mapping.columns.items():
-        if name not in KNOWN_NAMES:
+        if name not in (*KNOWN_NAMES, *MOCAP_NAMES):
             hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
             yield f"[columns] has {name}, which is not a column of a log; {hint}"
         if entry.derivative_of and entry != ColumnTable(derivative_of=entry.derivative_of):

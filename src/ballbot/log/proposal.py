@@ -35,11 +35,11 @@ from ballbot.log.mapping_search.commands import (
 )
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
 from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
 from ballbot.log.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
+from ballbot.log.units import Unit, lean_units, time_unit
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
 from ballbot.robot import Drive, Robot

@@ -20,7 +20,7 @@ from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
-ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
+ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck", "unit")
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
 #: [s]; a longer one is rather another unit of time

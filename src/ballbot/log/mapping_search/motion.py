@@ -15,7 +15,6 @@ from ballbot.log.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.placement import (
     STILL_HEADING,
     LeanTest,
@@ -38,6 +37,7 @@ from ballbot.log.signals import (
     without_resets,
 )
 from ballbot.log.torque_balance import block_sums
+from ballbot.log.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset

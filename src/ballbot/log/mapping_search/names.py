@@ -224,6 +224,23 @@ def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     return ("wheel angle", 0.65) if present & (angle | {"wheel", "wheels", "whl"}) else ("other", 0.0)
 
 
+def unit_in_name(name: str) -> str | None:
+    """Return the unit that a column's name has, or is, as `UNITS` has it or brackets at its end; None if it has none.
+
+    A single letter at its end is none: position_m may be the motor's.
+
+    >>> [unit_in_name(name) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
+    ['rpm', 'rpm', 'deg', 'kN', None, None]
+    """
+    bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", name)
+    _, unit = _words_and_unit(name)
+    if unit is None and bracketed:
+        return bracketed.group(1).strip() or None
+    if unit is None and len(name) > 1:
+        return unit_spelled(name)
+    return None if unit is not None and len(unit) == 1 and name[-1].isalpha() else unit
+
+
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     """Return the words of a name in lower case without its unit, and the unit."""
     unit, name = None, name.translate(_UMLAUTS)
