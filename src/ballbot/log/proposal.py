@@ -33,9 +33,16 @@ from ballbot.log.mapping_search.commands import (
     needs_of,
     turned_by,
 )
-from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
-from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.placement import LeanTest, SensorFrame, frame_of
+from ballbot.log.mapping_search.motion import (
+    Columned,
+    SensedMotion,
+    Signals,
+    Stated,
+    Tilts,
+    motion_of_file,
+)
+from ballbot.log.mapping_search.names import ATTITUDE_LOOKS, InputKind, Roles, roles_of, unread_columns
+from ballbot.log.placement import EDGE, LEAST_TIME, LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
@@ -136,9 +143,18 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
-        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
+        base = replace(
+            base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None, turn=None)
+        )
         motion = motion_of_file(base)
     what = _what(base.roles, motion)
+    looks = unread_columns(base.cut, roles)
+    if looks:
+        alike = [
+            (look, [name for name in looks if looks[name] == look]) for look in dict.fromkeys(looks.values())
+        ]
+        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in alike)
+        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *looks))
     if motion is None:
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
@@ -159,6 +175,13 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
+    inclined = () if roles.attitude else tuple(name for name, look in looks.items() if look in ATTITUDE_LOOKS)
+    if len(inclined) > 1:
+        evidence = f"they look like {looks[inclined[0]]}; name them by --columns if they are the lean"
+        asked = Question(
+            _LEAN_KEY, "what the log is", (f"with the lean in {', '.join(inclined)}", what), evidence
+        )
+        questions = (asked, *questions)
     return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 
@@ -221,7 +244,7 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
             shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _tilt_questions(proposal, motion.tilts)
-    yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
+    yield from _frame_questions(proposal, motion.signals) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
         yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
@@ -242,10 +265,13 @@ def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
     yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
-def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
+def _frame_questions(proposal: Proposal, signals: Signals) -> Iterator[Question]:
+    tested, frame = proposal.tested, proposal.frame
     order = "[wheels] order", "order and signs of the wheels"
     if tested is None:
-        yield Question(*order, ("as in the file",), "the robot hardly moves")
+        seconds = float(signals.usable.sum()) * INTERVAL
+        evidence = f"the robot balances and moves for {seconds:.1f} s, and {LEAST_TIME + 2.0 * EDGE:.1f} s are needed"
+        yield Question(*order, ("as in the file",), evidence)
         return
     best, other = tested.placements[:2]
     if tested.confidence < CONFIDENT:
@@ -278,7 +304,11 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
         yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield Question("[input] scale", name, drive.scales, "the motion fits both")
+        listed = [f"{scale}: {times:.3g}" for scale, times in drive.scales.items() if math.isfinite(times)]
+        shown = (
+            f"times the torques that the motion needs, {', '.join(listed)}" if listed else "too little motion"
+        )
+        yield Question("[input] scale", name, tuple(drive.scales), shown)
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
         yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
@@ -467,7 +497,8 @@ def _refusal(proposal: Proposal) -> str:
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
-#: key of the question for an unstated dead band
+#: keys of the questions for columns that may be the lean, and for an unstated dead band
+_LEAN_KEY = "[attitude] from"
 _BAND_KEY = "[input] dead_band"
 
 
@@ -531,7 +562,8 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
     gyro = proposal.motion.gyro if proposal.motion else None
     if lean is None:
-        return []
+        asked = [question for question in proposal.questions if question.key == _LEAN_KEY]
+        return ["# from = [..]  # roll and pitch, and a yaw; or a quaternion w, x, y, z"] * len(asked)
     units = proposal.base.angle_units(lean.name)
     unit = units[0] if len(set(units)) == 1 else units
     lines = [_line("from", roles.attitude), _line("unit", unit, lean.reason)]
@@ -634,8 +666,10 @@ def _kind_lines(
 def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
-    log_is = f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s"
-    lines = [f"{log_is}; usable for {_USES[proposal.what]}{without}."]
+    name, seconds = proposal.base.path.name, f"{np.ptp(proposal.base.t):.0f} s"
+    lines = [f"{name}: {proposal.what}, {seconds}; usable for {_USES[proposal.what]}{without}."]
+    if any(question.key == _LEAN_KEY for question in proposal.questions):
+        lines = [f"{name}: {seconds}; columns that may be the lean are not read."]
     shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]

@@ -1,4 +1,4 @@
-"""Unwrap headings and clocks when a log is read.
+"""Unwrap headings, lean angles and clocks when a log is read.
 
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.findings import Finding, note
+from ballbot.log.imu_angles import within_half_a_turn
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
@@ -47,12 +48,21 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
     return heading + np.cumsum(added), rows[jumps]
 
 
+HEADINGS, LEANS = ("psi", "ref_psi"), ("theta", "phi")
+
+
 def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
-    """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
+    """Return the headings and lean angles (N,) that are kept within one turn, continued, and a finding on each."""
     continued: dict[str, Floats] = {}
     findings = []
     first = np.nan
-    for name in ("psi", "ref_psi"):
+    for name in LEANS:
+        lean = columns.get(name, np.zeros(0))
+        if np.nanmin(lean, initial=0.0) >= 0.0 and (np.abs(np.diff(lean)) > LARGEST_TURN).any():
+            continued[name] = within_half_a_turn(lean, np.pi)
+            text = f"{name} is from 0 to a full turn; it is read from -pi to pi."
+            findings.append(note("wrap", text, name))
+    for name in HEADINGS:
         if name not in columns:
             continue
         heading, rows = continuous_heading(columns[name], after=first)

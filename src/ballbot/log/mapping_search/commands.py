@@ -9,6 +9,7 @@ torques (`likely_dead_band`).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -55,6 +56,9 @@ LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
 #: masses, torque constants and friction make a log's torques differ by this [log] from those that its motion needs
 RATIO_DEVIATION = 0.25
+#: a share of rows beyond full duty, which the driver clips, that lowers the logarithm of a full scale's weight by one;
+#: and a command just beyond full duty is rounded
+CLIPPED, ROUNDED = 0.05, 1.01
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: a dead band as firmware has it [of full duty], and as a part of the dry friction that the log shows besides: with
@@ -71,7 +75,9 @@ class CommandDrive:
 
     assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
-    scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
+    #: scales that fit alike by their names, each with how many times as large as the motion needs the torques then are,
+    #: the likeliest first; empty if one is clear
+    scales: dict[str, float]
     #: by kind, the likeliest factor from the file's number to N m, A, V or a duty, and how many times as large as the
     #: motion needs the torques then are (nan if that is not known)
     ratios: dict[InputKind, tuple[float, float]]
@@ -209,8 +215,8 @@ def assumed_resistance(motor: Drive) -> float:
 
 def _scale_of(
     base: Columned, gain: float, error: float
-) -> tuple[InputKind | None, dict[InputKind, tuple[float, float]], tuple[str, ...]]:
-    """Return the kind that is stated, the likeliest scale and ratio of each kind, and scales of it that fit alike.
+) -> tuple[InputKind | None, dict[InputKind, tuple[float, float]], dict[str, float]]:
+    """Return the kind that is stated, the likeliest scale and ratio of each kind, and the ratios of others as likely.
 
     `gain` is the command that the motion needs for 1 N m, and `error` that of its logarithm.
     """
@@ -222,7 +228,7 @@ def _scale_of(
             f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
             f"--command says {kind}. Correct one of them."
         )
-    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), ()
+    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), dict[str, float]()
     ampere = drive.gear_ratio * drive.torque_constant
     # torque [N m] at standstill of one N m, A, V or full duty
     standstill: dict[InputKind, float] = {
@@ -238,16 +244,20 @@ def _scale_of(
         size = gain * torque
         logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
         deviation = math.hypot(error, RATIO_DEVIATION)
-        likely = probabilities({name: -0.5 * (off / deviation) ** 2 for name, off in logs.items()})
+        beyond = {name: _beyond(candidate, base, scale) / CLIPPED for name, scale in scales.items()}
+        likely = probabilities(
+            {name: -0.5 * (off / deviation) ** 2 - beyond[name] for name, off in logs.items()}
+        )
         # without a motion that shows it, the smallest number that holds them all
-        ranked = list(likely) if math.isfinite(size) else sorted(scales, key=lambda name: -scales[name])
+        by_size = sorted(scales, key=lambda name: (beyond[name] > 0.0, -scales[name]))
+        ranked = list(likely) if math.isfinite(size) else by_size
         scale = scales[ranked[0]]
         ratios[candidate] = scale, size * scale
         if candidate == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
             fits = candidate != "duty" or abs(logs[ranked[0]]) < FULL_SCALE_FITS
             if others and not (sum(likely[name] for name in others) <= 1.0 - CONFIDENT and fits):
-                alike = (ranked[0], *others[:3])
+                alike = {name: size * scales[name] for name in (ranked[0], *others[:3])}
     return kind, ratios, alike
 
 
@@ -257,11 +267,17 @@ def _scales(kind: InputKind, base: Columned) -> dict[str, float]:
     if kind != "duty":
         return {named: _SCALES[kind][named]} if named in _SCALES[kind] else _SCALES[kind]
     commands = base.stacked(base.roles.commands)
-    fitting = [full_scale for full_scale in FULL_SCALES if float(np.abs(commands).max()) <= 1.01 * full_scale]
+    fitting: Sequence[float] = FULL_SCALES
     if full is not None:
         fitting = [full]
     elif named == "%":
         fitting = [100.0]
-    elif fitting[:1] == [1.0] and not np.array_equal(commands, np.round(commands)):
+    elif _beyond("duty", base, 1.0) < CLIPPED and not np.array_equal(commands, np.round(commands)):
         fitting = [1.0]  # no robot balances with a hundredth of its voltage
     return {f"{full_scale:g}": 1.0 / full_scale for full_scale in fitting}
+
+
+def _beyond(kind: InputKind, base: Columned, scale: float) -> float:
+    """Return the share of the commands that are beyond full duty, if they are one, by this scale."""
+    size = scale * np.abs(base.stacked(base.roles.commands))
+    return float((size > ROUNDED).mean()) if kind == "duty" else 0.0

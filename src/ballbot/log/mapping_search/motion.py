@@ -13,7 +13,13 @@ from ballbot.arrays import Bools, Floats
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.formats.text import TextLayout
-from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
+from ballbot.log.imu_angles import (
+    AngleSequence,
+    integral_of,
+    less_half_a_turn,
+    turning_tilts,
+    within_half_a_turn,
+)
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.placement import (
     STILL_HEADING,
@@ -108,6 +114,8 @@ class Columned:
     def raw_attitude(self) -> Floats:
         """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
+        if self.roles.turn is not None:
+            values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
             values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
         return values

@@ -300,6 +300,7 @@ class Roles:
     quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
     of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
+    turn: float | None = None  #: in the file's unit, if roll and pitch are from zero to one
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as their names say
 
     def unit(self, names: tuple[str, ...]) -> str | None:
@@ -334,7 +335,8 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
             "--columns t,roll,pitch,.. (_ for a column that is not needed), or write a mapping file."
         )
     if roles.attitude and not roles.quaternion:
-        roles = replace(roles, half_turn=_half_turn(columns[roles.attitude[0]], roles.unit(roles.attitude)))
+        unit, (roll, pitch) = roles.unit(roles.attitude), (columns[name] for name in roles.attitude[:2])
+        roles = replace(roles, half_turn=_half_turn(roll, unit), turn=_whole_turn(roll, pitch, unit))
     return replace(table, columns=columns), roles
 
 
@@ -386,26 +388,65 @@ def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     return {axis: reading.name for axis, reading in best.items()}
 
 
+#: what the names of a quaternion's columns differ in: w, x, y, z; or the scalar first or last, in the file's order
+_QUATERNIONS = ("wxyz", "WXYZ", "rijk", "sijk", "sxyz", "0123", "1234", "abcd")
+#: roll and pitch of a robot are so many times less by the right order than by the other, mean squares
+_UPRIGHT = 4.0
+
+
 def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
     """Return the names of the w, x, y and z of an IMU's quaternion, that of the odometry last; empty if none has one.
 
-    They differ in one letter, w, x, y and z, and the sum of their squares is one.
+    They differ in one character, and the sum of their squares is one. Numbers do not show whether the scalar is the
+    first or the last: it is where the robot stands upright.
     """
     candidates = []
-    for name in columns:
-        for position, mark in enumerate(name):
-            if mark not in "wW":
-                continue
-            marks = "wxyz" if mark == "w" else "WXYZ"
-            series = tuple(name[:position] + letter + name[position + 1 :] for letter in marks)
-            if all(column in columns for column in series):
+    for marks in _QUATERNIONS:
+        for name in columns:
+            for position in (k for k, mark in enumerate(name) if mark == marks[0]):
+                series = tuple(name[:position] + letter + name[position + 1 :] for letter in marks)
+                if not all(column in columns for column in series):
+                    continue
                 values = np.column_stack([columns[column] for column in series])
-                values = values[np.isfinite(values).all(axis=1)]
-                norm = np.linalg.norm(values, axis=1)
-                unit = np.abs(norm - 1.0) < UNIT_NORM
-                if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
-                    candidates.append(series)
+                if is_quaternion(values) and np.ptp(np.nan_to_num(values), axis=0).any():
+                    power = np.nansum(values**2, axis=0)
+                    first, last = power[1] + power[2], power[0] + power[1]
+                    if marks[-1] in "zZk" or _UPRIGHT * first < last:
+                        candidates.append(series)
+                    elif _UPRIGHT * last < first:
+                        candidates.append((series[3], *series[:3]))
     return min(candidates, key=lambda series: "odom" in series[0].lower(), default=())
+
+
+def is_quaternion(values: Floats) -> bool:
+    """Return whether columns (N, 4) are a unit quaternion's, with zeros or nothing where it is unknown."""
+    norm = np.linalg.norm(values[np.isfinite(values).all(axis=1)], axis=1)
+    unit = np.abs(norm - 1.0) < UNIT_NORM
+    return bool(unit.any() and np.mean(unit | (norm == 0.0)) > UNIT_ROWS)
+
+
+#: what the values of columns of an attitude look like
+ATTITUDE_LOOKS = ("a quaternion", "angles of 0 to 360 degrees")
+#: part of its range by which an angle of 0 to 360 degrees comes near both ends
+_NEAR_ENDS = 0.05
+
+
+def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str]:
+    """Return the columns without a role, each with what its values look like; empty if they do not show it."""
+    used = {roles.time, *roles.attitude, *roles.angles, *roles.commands, *roles.gyro, *roles.quaternion}
+    rest = {name: values for name, values in columns.items() if name not in used | {*QUATERNION_ANGLES}}
+    looks, names = dict[str, str](), list(rest)
+    for name, values in rest.items():
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+        in_a_turn = 0.0 <= low < 360.0 * _NEAR_ENDS and 360.0 * (1.0 - _NEAR_ENDS) < high <= 360.0
+        alike = (np.diff(known) == np.diff(known[:2])).all() and high > low
+        turned = ATTITUDE_LOOKS[1] if in_a_turn else ""
+        looks[name] = "constant" if low == high else turned or ("a counter" if alike else "")
+    for k in range(len(names) - 3):
+        if is_quaternion(np.column_stack([rest[name] for name in names[k : k + 4]])):
+            looks |= dict.fromkeys(names[k : k + 4], ATTITUDE_LOOKS[0])
+    return looks
 
 
 def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
@@ -416,6 +457,18 @@ def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
             if all(angle in columns for angle in angles) and np.nan_to_num(columns[name]).any():
                 return angles
     return ()
+
+
+def _whole_turn(roll: Floats, pitch: Floats, unit: str | None) -> float | None:
+    """Return a turn in the unit of a roll and a pitch (N,) from zero to one, near its ends; None if they are not."""
+    known = np.concatenate([roll, pitch])
+    known = known[np.isfinite(known)]
+    for angle_unit, turn in (("deg", 360.0), ("rad", 2.0 * np.pi)):
+        near = np.minimum(known, turn - known) < UPSIDE_DOWN * turn
+        inside = known.size and known.min() >= 0.0 and 0.5 * turn < known.max() <= turn
+        if unit in (None, angle_unit) and inside and near.mean() > UPSIDE_DOWN_ROWS:
+            return turn
+    return None
 
 
 def _half_turn(roll: Floats, unit: str | None) -> float | None:
