@@ -317,7 +317,10 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
 def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterator[Question]:
     values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
-        words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
+        low, middle, high = np.nanquantile(values, [0.01, 0.5, 0.99])
+        words = f"zero = {middle:.4g}", "direction = [..], columns with their directions"
+        if not 0.5 < (high - middle) / max(middle - low, 1e-12) < 2.0:  # magnitudes, which are small more often
+            words = words[1], "zero = .., the number that stands for no command"
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         yield Question("[input] zero", "sign of the commands", words, evidence)
     elif assigned is None or assigned.confidence < CONFIDENT:
@@ -339,6 +342,11 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     if motion.largest_speed is not None or motion.wrap is not None:
         sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
         yield warning("reset", sentence, *roles.angles)
+    if (frozen := proposal.base.frozen).any():
+        t = proposal.base.t
+        seconds, first = float(np.median(np.diff(t))) * float(frozen.sum()), float(t[np.argmax(frozen)])
+        sentence = f"The lean repeats one value for {seconds:.2g} s, first at t = {first:.6g} s: it froze; left out."
+        yield warning("stuck", sentence, *roles.attitude[:2], time=first)
     if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."
         yield warning("columns", sentence, *roles.gyro)

@@ -34,6 +34,7 @@ from ballbot.log.signals import (
     Smooth,
     balancing_rows,
     even_rows,
+    frozen_rows,
     new_messages,
     repaired_noise,
     sampling_times,
@@ -109,6 +110,12 @@ class Columned:
         """Return the latest command of each motor (N, n) at times (N,) [s]."""
         latest = np.searchsorted(self.t, rows, side="right") - 1
         return self.stacked(self.roles.commands)[np.maximum(latest, 0)]
+
+    @property
+    def frozen(self) -> Bools:
+        """The rows (M,) at which roll or pitch froze: it repeats one value, and changes at nearly all other rows."""
+        each = [frozen_rows(self.t, self.cut[name]) for name in self.roles.attitude[:2]]
+        return np.asarray(np.any(each, axis=0)) if each else np.zeros(len(self.t), dtype=np.bool_)
 
     @property
     def raw_attitude(self) -> Floats:
@@ -307,6 +314,7 @@ def _signals(
             value = INTERVAL * np.cumsum(rates.value[:, 2:], axis=0)
             heading = Smooth(value=value, rate=rates.value[:, 2:], acceleration=rates.rate[:, 2:])
     usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
+    usable &= np.interp(rows, base.t, base.frozen.astype(np.float64)) == 0.0
     return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
 
 
