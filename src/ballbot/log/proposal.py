@@ -317,9 +317,10 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
 def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterator[Question]:
     values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
-        low, middle, high = np.nanquantile(values, [0.01, 0.5, 0.99])
-        words = f"zero = {middle:.4g}", "direction = [..], columns with their directions"
-        if not 0.5 < (high - middle) / max(middle - low, 1e-12) < 2.0:  # magnitudes, which are small more often
+        words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
+        # magnitudes are small most often, and commands about an offset reach neither end
+        low, high = np.nanquantile(values, [0.0, 1.0])
+        if np.mean(values < low + 0.1 * (high - low)) > 3.0 * np.mean(values > high - 0.1 * (high - low)):
             words = words[1], "zero = .., the number that stands for no command"
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         yield Question("[input] zero", "sign of the commands", words, evidence)
@@ -345,7 +346,9 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     if (frozen := proposal.base.frozen).any():
         t = proposal.base.t
         seconds, first = float(np.median(np.diff(t))) * float(frozen.sum()), float(t[np.argmax(frozen)])
-        sentence = f"The lean repeats one value for {seconds:.2g} s, first at t = {first:.6g} s: it froze; left out."
+        sentence = (
+            f"The lean repeats one value for {seconds:.2g} s, first at t = {first:.6g} s: it froze; left out."
+        )
         yield warning("stuck", sentence, *roles.attitude[:2], time=first)
     if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."

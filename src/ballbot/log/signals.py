@@ -345,7 +345,7 @@ LIVE_FRACTION, FROZEN_TIME = 0.9, 0.4
 
 
 def frozen_rows(t: Floats, values: Floats) -> Bools:
-    """Return which rows of a live signal (N,), at times (N,) [s], repeat one value for longer than messages are late."""
+    """Return which rows of a live signal (N,), at times (N,) [s], repeat a value for longer than messages are late."""
     starts, lengths = runs_of(values)
     frozen = t[starts + lengths - 1] - t[starts] >= FROZEN_TIME
     live = len(starts) - frozen.sum() >= LIVE_FRACTION * (len(t) - lengths[frozen].sum())

@@ -238,7 +238,7 @@ def unit_in_name(name: str) -> str | None:
         return bracketed.group(1).strip() or None
     if unit is None and len(name) > 1:
         return unit_spelled(name)
-    return None if unit is not None and len(unit) == 1 and name[-1].isalpha() else unit
+    return unit if bracketed or len(re.split(r"[^\w/]|_", name)[-1]) > 1 else None
 
 
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
