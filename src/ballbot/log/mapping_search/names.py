@@ -233,12 +233,13 @@ def unit_in_name(name: str) -> str | None:
     ['rpm', 'rpm', 'deg', 'kN', None, None]
     """
     bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", name)
-    _, unit = _words_and_unit(name)
-    if unit is None and bracketed:
-        return bracketed.group(1).strip() or None
-    if unit is None and len(name) > 1:
-        return unit_spelled(name)
-    return unit if bracketed or len(re.split(r"[^\w/]|_", name)[-1]) > 1 else None
+    if bracketed:
+        return unit_spelled(bracketed.group(1)) or bracketed.group(1).strip() or None
+    parts = re.split(r"[^\w/%°²]|_", name)
+    before, unit = unit_at_the_end(["", *parts])
+    if unit is None:
+        return _words_and_unit(name)[1]
+    return unit if len("".join(parts[len(before) - 1 :])) > 1 else None
 
 
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
