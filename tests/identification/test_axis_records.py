@@ -81,7 +81,7 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) 
         ({"added_force": "pulses"}, {}, "no variable 'pulses' for --added-force"),
         ({"force_scale": "t"}, {}, "'t' has 600 different values; it must be one number"),
         ({}, {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)}, "force is missing or .* in row 1"),
-        ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
+        ({}, {"t": T[::-1].copy()}, "Time decreases at row 2"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
     ],
 )

@@ -3,7 +3,7 @@
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,26 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
         )
         findings.append(note("wrap", text, name, time=time))
     return continued, findings
+
+
+#: after so many an angle in turns, radians or degrees begins again, and an encoder or counter
+TURNS, COUNTERS = (1.0, 2.0 * np.pi, 360.0), tuple(2.0**bits for bits in range(8, 33))
+#: largest ordinary step, as a share of the period: a jump differs from the period by no more than such a step; and the
+#: excess of range and jumps over the period by noise and rounding
+_LARGEST_STEP, _BEYOND = 0.25, 0.01
+
+
+def wrap_period(angles: Floats, periods: Iterable[float]) -> float | None:
+    """Return the period within which angles (N,) or (N, n) are kept, and at whose ends they jump; None if none fits."""
+    travel, steps = float(np.ptp(angles, axis=0).max()), np.abs(np.diff(angles, axis=0))
+    for period in periods:
+        jumps = steps > 0.5 * period
+        usual = float(steps[~jumps].max(initial=0.0))
+        # only with the right period does a jump differ from it by an ordinary step
+        kept = 0.5 * period < travel <= (1.0 + _BEYOND) * period and usual <= _LARGEST_STEP * period
+        if kept and jumps.any() and np.abs(steps[jumps] - period).max() <= 2.0 * usual + _BEYOND * period:
+            return period
+    return None
 
 
 #: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of

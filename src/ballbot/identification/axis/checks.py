@@ -18,13 +18,12 @@ from ballbot.identification.axis.motion import (
 )
 from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
+from ballbot.log.units import time_unit
 
 #: codes of errors, for `--accept`
 ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck", "unit")
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: [s]; a longer one is rather another unit of time
-_SLOWEST_SAMPLING = 0.2
 #: the speed is at its limit above this share of the 99 % quantile, if a larger share of the rows is; there the
 #: unexplained force varies by this share of the force, and by so many times its variation elsewhere
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
@@ -50,11 +49,8 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find a long sample time, gaps, and single positions outside the range by twice its width."""
     h, position, unit = record.sample_time, record.position, record.unit
-    if h > _SLOWEST_SAMPLING:
-        text = (
-            f"Rows come every {h:.3g} s, too slowly for an axis; check the unit of t: --time-scale 0.001 if it is in "
-            "milliseconds, 1e-6 in microseconds."
-        )
+    if (of_time := time_unit(record.t, None)) and of_time.name != "s":
+        text = f"Rows come every {h:.3g} s: t looks like {of_time.name}. If so, give --time-scale {of_time.factor:g}."
         yield error("scale", text, "t")
     gaps = len(record.parts) - 1
     if gaps:

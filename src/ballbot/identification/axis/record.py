@@ -17,13 +17,15 @@ from typing import Literal
 import numpy as np
 
 from ballbot.arrays import Bools, Floats, positive_number, real_array
-from ballbot.errors import InputError, check_known, either
+from ballbot.errors import InputError, about, check_known, either
 from ballbot.findings import Finding, error, note, warning
 from ballbot.log.columns import FACTORS, LARGEST_CELL, UNITS, Columns
 from ballbot.log.formats import read_variables
 from ballbot.log.mapping_search.names import unit_in_name
+from ballbot.log.row_order import check_time
 from ballbot.log.signals import unwrapped
 from ballbot.log.units import change_agreement, integrated, unit_of_ratio
+from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 
 #: least rows of a record
 LEAST_ROWS = 200
@@ -122,13 +124,9 @@ def record_of_rows(
     """
     if len(t) < 2:
         raise InputError(f"{name}: the time has fewer than two rows.")
+    with about(name):
+        check_time(t)
     steps = np.diff(t)
-    if not steps.min() > 0.0:
-        row = int(np.argmin(steps)) + 2
-        raise InputError(
-            f"{name}, row {row}: time does not increase ({t[row - 1]:.12g} after {t[row - 2]:.12g} s). "
-            "Sort the rows, leave out repeated ones, or split the file."
-        )
     usual = float(np.median(steps))
     gaps = steps > GAP * usual
     mean = float(np.mean(steps[~gaps]))
@@ -364,34 +362,17 @@ def _complete_rows(name: str, columns: Columns) -> Bools:
     return ~lacking
 
 
-#: periods after which a position wraps: a turn in radians or degrees, and encoder counters of 8 to 32 bits
-_TURN, _DEGREES = 2.0 * np.pi, 360.0
-_COUNTERS = tuple(2.0**bits for bits in range(8, 33))
-#: largest ordinary step, as a share of the period; a jump differs from the period by no more than such a step
-_LARGEST_STEP = 0.25
-#: excess of a wrapping position's range, and of a jump, over the period by noise and rounding
-_BEYOND = 0.01
-
-
 def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, list[Finding]]:
     """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, and findings on that."""
-    travel, steps = float(np.ptp(position)), np.abs(np.diff(position))
-    # only with the right period does a jump differ from it by an ordinary step
-    for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
-        jumps = steps > 0.5 * period
-        usual = float(steps[~jumps].max(initial=0.0))
-        wraps = 0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any()
-        # the axis moves during the step in which it wraps
-        if not wraps or usual > _LARGEST_STEP * period:
-            continue
-        if np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period:
-            continue
-        size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
-        findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
-        options = ["--unit rad"] if unit != "rad" else []
-        options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
-        if options and period in (_TURN, _DEGREES):
-            text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
-            findings.append(warning("unit", text, "position"))
-        return unwrapped(position, period=period), findings
-    return position, []
+    turn, degrees = TURNS[1:]
+    period = wrap_period(position, (turn, degrees, *(counts * abs(scale) for counts in COUNTERS)))
+    if period is None:
+        return position, []
+    size = {turn: "one turn", degrees: "360"}.get(period, f"{period:.6g} {unit}")
+    findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
+    options = ["--unit rad"] if unit != "rad" else []
+    options += [f"--position-scale {np.radians(1.0):.6g}"] if period == degrees else []
+    if options and period in (turn, degrees):
+        text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
+        findings.append(warning("unit", text, "position"))
+    return unwrapped(position, period=period), findings

@@ -45,6 +45,7 @@ from ballbot.log.signals import (
 )
 from ballbot.log.torque_balance import block_sums
 from ballbot.log.units import Unit, Units, lean_units, likeliest_units, wheel_units
+from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
@@ -62,9 +63,6 @@ GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: logarithm of the odds that roll and pitch turn with the heading, as those of most IMUs do, before a log is seen
 TURNING_ODDS = 1.0
-#: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
-PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
-TURNS = (1.0, 2.0 * math.pi, 360.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,10 +223,9 @@ def motion_of_file(base: Columned) -> SensedMotion:
 
 def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
     """Return angles (M, n) without the jumps of a full counter or turn, and its period if there is one."""
-    periods = PERIODS if np.all(angles == np.round(angles)) else TURNS
-    jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
-    period = next((period for period in periods if 0.6 * period < extent < 1.0001 * period), None)
-    if of_speeds or period is None or jump < 0.6 * period:
+    whole = bool(np.all(angles == np.round(angles)))
+    period = None if of_speeds else wrap_period(angles, (TURNS[-1], *COUNTERS) if whole else TURNS)
+    if period is None:
         return angles, None
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
