@@ -60,7 +60,8 @@ def test_a_roll_of_359_degrees_is_one_of_minus_one(shared_cases):
 
 def test_a_log_s_lean_of_a_full_turn_is_read_within_half_a_turn():
     lean = 0.02 * np.sin(0.1 * np.arange(300))
-    log = Log({"t": 0.01 * np.arange(300), "theta": np.mod(lean, 2.0 * np.pi), "phi": lean})
+    theta = np.asarray(np.mod(lean, 2.0 * np.pi), np.float64)
+    log = Log({"t": 0.01 * np.arange(300), "theta": theta, "phi": lean})
     np.testing.assert_allclose(log["theta"], lean, atol=1e-12)
     assert [finding.code for finding in log.changes] == ["wrap"]
 

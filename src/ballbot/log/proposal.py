@@ -304,11 +304,10 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
         yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        listed = [f"{scale}: {times:.3g}" for scale, times in drive.scales.items() if math.isfinite(times)]
-        shown = (
-            f"times the torques that the motion needs, {', '.join(listed)}" if listed else "too little motion"
-        )
-        yield Question("[input] scale", name, tuple(drive.scales), shown)
+        known = zip(drive.scales, drive.misfits, strict=True)
+        listed = ", ".join(f"{scale}: {times:.3g}" for scale, times in known if math.isfinite(times))
+        shown = f"times the torques that the motion needs, {listed}" if listed else "too little motion"
+        yield Question("[input] scale", name, drive.scales, shown)
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
         yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)

@@ -10,7 +10,7 @@ torques (`likely_dead_band`).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 import numpy as np
@@ -41,6 +41,7 @@ from ballbot.log.torque_balance import (
     gains_of,
     motion_of,
 )
+from ballbot.results import left_out
 from ballbot.robot import Drive, Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
@@ -75,14 +76,14 @@ class CommandDrive:
 
     assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
-    #: scales that fit alike by their names, each with how many times as large as the motion needs the torques then are,
-    #: the likeliest first; empty if one is clear
-    scales: dict[str, float]
+    scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
     #: by kind, the likeliest factor from the file's number to N m, A, V or a duty, and how many times as large as the
     #: motion needs the torques then are (nan if that is not known)
     ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
     delay_error: float
+    #: of each of the scales, how many times as large as the motion needs the torques are
+    misfits: tuple[float, ...] = field(metadata=left_out)
 
     @property
     def scale(self) -> float:
@@ -118,7 +119,13 @@ def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: _N
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
     kind, ratios, alike = _scale_of(base, gain if math.isfinite(error) else math.nan, error)
     return CommandDrive(
-        assigned=assigned, kind=kind, scales=alike, ratios=ratios, delay=delay, delay_error=delay_error
+        assigned=assigned,
+        kind=kind,
+        scales=tuple(alike),
+        ratios=ratios,
+        delay=delay,
+        delay_error=delay_error,
+        misfits=tuple(alike.values()),
     )
 
 

@@ -27,6 +27,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, UNIT_OF, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.results import left_out
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]
@@ -301,7 +302,8 @@ class Roles:
     quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
     of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
-    turn: float | None = None  #: in the file's unit, if roll and pitch are from zero to one
+    #: in the file's unit, if roll and pitch are from zero to one
+    turn: float | None = field(default=None, metadata=left_out)
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as their names say
 
     def unit(self, names: tuple[str, ...]) -> str | None:
