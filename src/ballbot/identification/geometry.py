@@ -39,7 +39,7 @@ from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.driveline import BALL_NAMES
-from ballbot.identification.motion_capture import frame_findings, poses_on_rows
+from ballbot.identification.motion_capture import LARGEST_LEAN, frame_findings, poses_on_rows
 from ballbot.identification.turning import (
     GYRO_NAMES,
     MotionFit,
@@ -87,10 +87,6 @@ def _increments(
         clusters.append(np.floor((log.t[first] - log.t[0]) / CLUSTER) + _CLUSTERS_OF_LOG * number)
     stacked = [np.concatenate(column) for column in zip(*increments, strict=True)]
     return stacked, np.concatenate(clusters).astype(np.int64)
-
-
-#: a robot at a larger angle from upright [rad] is falling or held by hand
-LARGEST_LEAN = 0.35
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

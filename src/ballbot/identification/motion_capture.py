@@ -23,10 +23,18 @@ from ballbot.log.units import time_unit, unit_of_ratio
 POSITIONS = ("x", "y")
 #: displacements are over so long that a robot's rocking averages out [s], from one row in so many on; and the fewest
 STRETCH, EVERY, LEAST_STRETCHES = 5.0, 5, 60
+#: beyond this lean a robot falls or is held by hand [rad]
+LARGEST_LEAN = 0.35
 #: no robot on a ball moves so fast for that long [m/s]: it is a sprinter's speed
 FASTEST_BODY = 10.0
 #: a camera's displacement turned by more than this against the log's is opposite [rad]
 _OPPOSITE = math.radians(135.0)
+
+#: share of the displacement that a linear map of the log's explains and a rotation does not: a mirror's, unless the
+#: path is nearly straight; wheels whose radii or angles are off by a tenth make it a hundredth
+_NO_ROTATION, _TINY = 0.1, 1e-300
+#: of fewer displacements a linear map explains much by chance
+_INDEPENDENT = 3.0
 
 #: poses of the cameras on k rows of the log: the rows, the orientations, and where the tracked point was (k, 3) [m] in
 #: the cameras' frame, NaN if not seen
@@ -85,12 +93,13 @@ def frame_findings(log: Log, seen: SeenRows, motion: MotionFit) -> list[Finding]
         path = np.column_stack([log[name] for name in POSITIONS])
         own = path[seen[0][last]] - path[rows]
         rotations, known = log_rotations(log)
-        kept &= known[rows] & np.isfinite(own).all(axis=1)
+        fallen = np.cumsum(~known | (np.hypot(log["theta"], log["phi"]) > LARGEST_LEAN))
+        kept &= (fallen[rows] == fallen[seen[0][last]]) & np.isfinite(own).all(axis=1)
         if kept.sum() >= LEAST_STRETCHES:
             first = first[kept]
             world = Rotation.from_quat(rotations.as_quat()[rows[kept]]) * motion.body_marker
             turned = (world * Rotation.from_quat(camera_marker.as_quat()[first]).inv()).apply(moved[kept])
-            findings = _compared(own[kept], turned[:, :2])
+            findings = _compared(own[kept], turned, np.ptp(log.t[rows[kept]]) / STRETCH)
     if not findings and speed > FASTEST_BODY:
         text = (
             f"The motion capture moves at {speed:.3g} m/s, as no robot on a ball does: x, y and z are not in m. Write "
@@ -100,15 +109,21 @@ def frame_findings(log: Log, seen: SeenRows, motion: MotionFit) -> list[Finding]
     return findings
 
 
-def _compared(path: Floats, seen: Floats) -> list[Finding]:
-    """Return the errors that displacements (k, 2) of the cameras, in the log's world, show against the log's."""
-    own, cameras = (moved[:, 0] + 1j * moved[:, 1] for moved in (path, seen))
-    power = math.sqrt(float(np.vdot(own, own).real * np.vdot(cameras, cameras).real))
-    gains = [complex(np.vdot(one, cameras)) for one in (own, own.conj())]
-    if not power > 0.0 or max(map(abs, gains)) < CLEAR_CORRELATION * power:
+def _compared(path: Floats, seen: Floats, count: float) -> list[Finding]:
+    """Return the errors that the cameras' displacements (k, 3), in the log's world, show against the log's (k, 2).
+
+    They overlap, and `count` of them do not.
+    """
+    own, cameras = path @ [1.0, 1.0j], seen[:, :2] @ [1.0, 1.0j]
+    linear = path @ np.linalg.lstsq(path, seen, rcond=None)[0]
+    along = complex(np.vdot(own, cameras))
+    sizes = (float(np.sum(values**2)) for values in (path, seen, linear))
+    of_log, of_cameras, explained = (max(size, _TINY) for size in sizes)
+    alike = abs(along) ** 2 / (of_log * of_cameras)
+    if explained < CLEAR_CORRELATION**2 * of_cameras:
         return []
-    mirrored, findings = abs(gains[1]) > abs(gains[0]), []
-    ratio = abs(gains[mirrored]) / float(np.vdot(own, own).real)
+    mirrored, findings = count > _INDEPENDENT and explained / of_cameras - alike > _NO_ROTATION, []
+    ratio = math.sqrt(explained / of_log)
     # the units of length are factors of 10 apart or more
     for name, size in (("the motion capture", ratio), ("the log", 1.0 / ratio)):
         if unit := unit_of_ratio(size, "m", within=math.sqrt(10.0)):
@@ -120,7 +135,7 @@ def _compared(path: Floats, seen: Floats) -> list[Finding]:
                 f'so, write unit = "{unit}" for {", ".join(columns)} into a mapping, and give it with {option}.'
             )
             findings.append(error("unit", text, *columns))
-    if mirrored or abs(np.angle(gains[0])) > _OPPOSITE:
+    if mirrored or abs(np.angle(along)) > _OPPOSITE:
         how = "the log's mirrored" if mirrored else "opposite to the log's"
         also = "" if mirrored else ", and of the quaternion's components of the two other axes"
         text = (

@@ -35,6 +35,7 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.identification.motion_capture import (
+    LARGEST_LEAN,
     POSITIONS,
     SeenRows,
     frame_findings,
@@ -281,8 +282,6 @@ def _path_fit(
     )  # fmt: skip
 
 
-#: beyond this lean a robot falls or is held by hand [rad]
-_LARGEST_LEAN = 0.35
 #: rates are differences over this time to either side [s]
 _SLOPE = 0.04
 
@@ -290,7 +289,7 @@ _SLOPE = 0.04
 def _sensor_errors(log: Log) -> SensorErrors | None:
     """Return the errors of a log with the columns of the cameras, or None if they have too few common rows."""
     names = [name for name in (*ANGLE_NAMES, *POSITIONS) if name in log and f"{PREFIX}{name}" in log]
-    standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < _LARGEST_LEAN
+    standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < LARGEST_LEAN
     errors = {name: np.where(standing, log[name] - log[f"{PREFIX}{name}"], np.nan) for name in names}
     compared = log.t[np.isfinite(errors["psi"])]
     if len(compared) < _LEAST_ROWS:
