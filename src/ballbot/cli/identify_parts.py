@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_logs
-from ballbot.cli.findings import in_files, stop_or_show
+from ballbot.cli.findings import in_files, read_motion_capture, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run
@@ -22,7 +22,6 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.log.pose import read_motion_capture
 from ballbot.progress import in_stage
 from ballbot.report.axis import axis_report
 from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
@@ -124,6 +123,7 @@ def identify_geometry(
     balancing: list[Path] | None = None,
     motion_capture: list[Path] | None = None,
     mapping: options.Mapping = None,
+    mocap_mapping: options.MocapMapping = None,
     accept: options.Accept = None,
     out: options.Out,
 ) -> None:
@@ -161,13 +161,13 @@ def identify_geometry(
         for path, log in zip(on_wheels, of_ball, strict=True)
     )
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
+    cameras = [read_motion_capture(capture, mocap_mapping, accept=accept) for capture in captures]
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         geometry = survey_geometry(
             described,
             upside_down=of_ball,
-            balancing=[
-                (log, read_motion_capture(capture)) for log, capture in zip(of_runs, captures, strict=True)
-            ],
+            balancing=[*zip(of_runs, cameras, strict=True)],
+            accept=accept or (),
             progress=result.report,
         )
         step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"

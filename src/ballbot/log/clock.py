@@ -12,10 +12,10 @@ import numpy as np
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.mapping_search.units import Unit
+from ballbot.log.units import Unit
 
-#: intervals between rows that a log may have [s]
-INTERVALS = (2e-4, 0.2)
+#: intervals between rows that a log may have [s], and the units in which clocks count
+INTERVALS, _OF_CLOCKS = (2e-4, 0.2), ("s", "ms", "us", "ns")
 #: a name that ends in a unit of time of the second, and what it is a fraction of
 _OF_SECONDS = re.compile(r"(.*?)(nano|micro|milli|[nuµm])?(?:seconds?|secs?|s)")
 _FRACTIONS = {"nano": 1e-9, "n": 1e-9, "micro": 1e-6, "u": 1e-6, "µ": 1e-6, "milli": 1e-3, "m": 1e-3}
@@ -86,20 +86,31 @@ def _continues(table: Mapping[str, Floats], apart: Bools) -> bool:
     return True
 
 
+def _usual_step(t: Floats) -> float:
+    """Return the usual step between different times (N,); zero if there is none."""
+    steps = np.diff(t)
+    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+
+
+def units_of_clock(t: Floats, *, named: str | None = None) -> dict[str, float]:
+    """Return the units in which times (N,) have the intervals of a log, with that interval [s]; minutes if named so."""
+    usual = _usual_step(t)
+    units = {name: usual * factor for name, factor in FACTORS["s"].items() if name in (named, *_OF_CLOCKS)}
+    return {name: interval for name, interval in units.items() if INTERVALS[0] <= interval < INTERVALS[1]}
+
+
 def clock_unit(t: Floats, name: str, named: str | None) -> Unit:
     """Return the unit of a column of times (N,), by its name's unit if it has one, and its intervals.
 
     InputError, with what helps, if they are the intervals of no log, or of one in another unit than the name's.
     """
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    fits = {unit: usual * f for unit, f in FACTORS["s"].items() if INTERVALS[0] <= usual * f < INTERVALS[1]}
+    fits = units_of_clock(t, named=named)
     for unit, interval in fits.items():
         if named in (None, unit):
             return Unit(
                 name=unit, factor=FACTORS["s"][unit], reason=f"rows come every {1e3 * interval:.4g} ms"
             )
-    different = len(np.unique(t))
+    different, usual = len(np.unique(t)), _usual_step(t)
     if different < 0.5 * len(t):
         raise InputError(
             f"the time {name} has only {different} different values in {len(t)} rows, {usual:.6g} apart near "

@@ -96,6 +96,7 @@ from ballbot.log.columns import (
     ATTITUDE_NAMES,
     KNOWN_NAMES,
     MAX_WHEELS,
+    MOCAP_NAMES,
     Columns,
     check_column_names,
     factor_to,
@@ -114,10 +115,11 @@ from ballbot.log.imu_angles import (
     integral_of,
     less_half_a_turn,
     quaternion_angles,
+    within_half_a_turn,
 )
 from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times, without_dropouts
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
-from ballbot.log.wrapping import continuous_headings
+from ballbot.log.wrapping import HEADINGS, LEANS, continuous_headings
 from ballbot.robot import RobotLike, as_robot
 from ballbot.schema import validate_table
 
@@ -430,7 +432,7 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
     if speed.wrap or speed.largest_speed:
         yield "[wheels] speed cannot have wrap or largest_speed, which are of angles"
     for name, entry in mapping.columns.items():
-        if name not in KNOWN_NAMES:
+        if name not in (*KNOWN_NAMES, *MOCAP_NAMES):
             hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
             yield f"[columns] has {name}, which is not a column of a log; {hint}"
         if entry.derivative_of and entry != ColumnTable(derivative_of=entry.derivative_of):
@@ -612,7 +614,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         for name in wheels:
             raw[name] = unwrapped(raw[name], period=abs(mapping.sources[name].factor) * angle.wrap)
     # before its offset, from the file's own ends of a turn
-    offsets = {name: mapping.sources[name].offset for name in ("psi", "ref_psi") if name in raw}
+    offsets = {name: mapping.sources[name].offset for name in (*HEADINGS, *LEANS) if name in raw}
     continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
     raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     changes += wraps
@@ -621,6 +623,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     for name, origin in mapping.integrals.items():
         speed = without_holes(t, raw[origin])
         raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
+    raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
         raw["roll"] = less_half_a_turn(raw["roll"], math.pi)
     if "yaw" in raw:

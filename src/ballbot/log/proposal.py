@@ -35,10 +35,16 @@ from ballbot.log.mapping_search.commands import (
     needs_of,
     turned_by,
 )
-from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
-from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.mapping_search.units import Unit, lean_units
-from ballbot.log.placement import LeanTest, SensorFrame, frame_of
+from ballbot.log.mapping_search.motion import (
+    Columned,
+    SensedMotion,
+    Signals,
+    Stated,
+    Tilts,
+    motion_of_file,
+)
+from ballbot.log.mapping_search.names import ATTITUDE_LOOKS, InputKind, Roles, roles_of, unread_columns
+from ballbot.log.placement import EDGE, LEAST_TIME, LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import (
     LONGEST_PAUSE,
@@ -48,6 +54,7 @@ from ballbot.log.row_order import (
     without_dropouts,
 )
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
+from ballbot.log.units import Unit, lean_units
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
 from ballbot.robot import Drive, Robot
@@ -154,9 +161,18 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
-        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
+        base = replace(
+            base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None, turn=None)
+        )
         motion = motion_of_file(base)
     what = _what(base.roles, motion)
+    looks = unread_columns(base.cut, roles)
+    if looks:
+        alike = [
+            (look, [name for name in looks if looks[name] == look]) for look in dict.fromkeys(looks.values())
+        ]
+        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in alike)
+        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *looks))
     if motion is None:
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
@@ -177,6 +193,13 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
+    inclined = () if roles.attitude else tuple(name for name, look in looks.items() if look in ATTITUDE_LOOKS)
+    if len(inclined) > 1:
+        evidence = f"they look like {looks[inclined[0]]}; name them by --columns if they are the lean"
+        asked = Question(
+            _LEAN_KEY, "what the log is", (f"with the lean in {', '.join(inclined)}", what), evidence
+        )
+        questions = (asked, *questions)
     return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 
@@ -253,7 +276,7 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
             shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _tilt_questions(proposal, motion.tilts)
-    yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
+    yield from _frame_questions(proposal, motion.signals) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
         yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
@@ -274,10 +297,13 @@ def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
     yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
-def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
+def _frame_questions(proposal: Proposal, signals: Signals) -> Iterator[Question]:
+    tested, frame = proposal.tested, proposal.frame
     order = "[wheels] order", "order and signs of the wheels"
     if tested is None:
-        yield Question(*order, ("as in the file",), "the robot hardly moves")
+        seconds = float(signals.usable.sum()) * INTERVAL
+        evidence = f"the robot balances and moves for {seconds:.1f} s, and {LEAST_TIME + 2.0 * EDGE:.1f} s are needed"
+        yield Question(*order, ("as in the file",), evidence)
         return
     best, other = tested.placements[:2]
     if tested.confidence < CONFIDENT:
@@ -310,7 +336,10 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
         yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield Question("[input] scale", name, drive.scales, "the motion fits both")
+        known = zip(drive.scales, drive.misfits, strict=True)
+        listed = ", ".join(f"{scale}: {times:.3g}" for scale, times in known if math.isfinite(times))
+        shown = f"times the torques that the motion needs, {listed}" if listed else "too little motion"
+        yield Question("[input] scale", name, drive.scales, shown)
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
         yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
@@ -320,6 +349,10 @@ def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterat
     values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
+        # magnitudes are small most often, and commands about an offset reach neither end
+        low, high = np.nanquantile(values, [0.0, 1.0])
+        if np.mean(values < low + 0.1 * (high - low)) > 3.0 * np.mean(values > high - 0.1 * (high - low)):
+            words = words[1], "zero = .., the number that stands for no command"
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         yield Question("[input] zero", "sign of the commands", words, evidence)
     elif assigned is None or assigned.confidence < CONFIDENT:
@@ -343,6 +376,13 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     if motion.largest_speed is not None or motion.wrap is not None:
         sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
         yield warning("reset", sentence, *roles.angles)
+    if (frozen := proposal.base.frozen).any():
+        t = proposal.base.t
+        seconds, first = float(np.median(np.diff(t))) * float(frozen.sum()), float(t[np.argmax(frozen)])
+        sentence = (
+            f"The lean repeats one value for {seconds:.2g} s, first at t = {first:.6g} s: it froze; left out."
+        )
+        yield warning("stuck", sentence, *roles.attitude[:2], time=first)
     if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."
         yield warning("columns", sentence, *roles.gyro)
@@ -523,7 +563,8 @@ def _refusal(proposal: Proposal) -> str:
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
-#: key of the question for an unstated dead band
+#: keys of the questions for columns that may be the lean, and for an unstated dead band
+_LEAN_KEY = "[attitude] from"
 _BAND_KEY = "[input] dead_band"
 
 
@@ -589,7 +630,8 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
     gyro = proposal.motion.gyro if proposal.motion else None
     if lean is None:
-        return []
+        asked = [question for question in proposal.questions if question.key == _LEAN_KEY]
+        return ["# from = [..]  # roll and pitch, and a yaw; or a quaternion w, x, y, z"] * len(asked)
     units = proposal.base.angle_units(lean.name)
     unit = units[0] if len(set(units)) == 1 else units
     lines = [_line("from", roles.attitude), _line("unit", unit, lean.reason)]
@@ -692,10 +734,11 @@ def _kind_lines(
 def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
-    log_is = f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s"
-    lines = [
-        f"{log_is}; {'not usable' if proposal.faulty else 'usable for ' + _USES[proposal.what] + without}."
-    ]
+    name, seconds = proposal.base.path.name, f"{np.ptp(proposal.base.t):.0f} s"
+    use = "not usable" if proposal.faulty else f"usable for {_USES[proposal.what]}{without}"
+    lines = [f"{name}: {proposal.what}, {seconds}; {use}."]
+    if any(question.key == _LEAN_KEY for question in proposal.questions):
+        lines = [f"{name}: {seconds}; columns that may be the lean are not read."]
     shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]

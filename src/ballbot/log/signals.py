@@ -369,3 +369,16 @@ def longest_repeat(values: Floats) -> tuple[int, int]:
     starts, lengths = runs_of(values)
     longest = int(np.argmax(lengths))
     return int(starts[longest]), int(starts[longest] + lengths[longest]) - 1
+
+
+#: a live column changes at this fraction of the rows; one that then repeats a value for so long froze [s]: longer than
+#: messages are late
+LIVE_FRACTION, FROZEN_TIME = 0.9, 0.4
+
+
+def frozen_rows(t: Floats, values: Floats) -> Bools:
+    """Return which rows of a live signal (N,), at times (N,) [s], repeat a value for longer than messages are late."""
+    starts, lengths = runs_of(values)
+    frozen = t[starts + lengths - 1] - t[starts] >= FROZEN_TIME
+    live = len(starts) - frozen.sum() >= LIVE_FRACTION * (len(t) - lengths[frozen].sum())
+    return np.repeat(frozen & live, lengths)

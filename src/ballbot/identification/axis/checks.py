@@ -18,14 +18,16 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import GAP, AxisRecord
+from ballbot.log.clock import units_of_clock
+from ballbot.log.columns import FACTORS
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
-ERROR_CODES = ("excitation", "force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
+ERROR_CODES = (
+    "excitation", "force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck", "unit"
+)  # fmt: skip
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: [s]; a longer one is rather another unit of time
-_SLOWEST_SAMPLING = 0.2
 #: the speed is at its limit above this share of the 99 % quantile, if a larger share of the rows is; there the
 #: unexplained force varies by this share of the force, and by so many times its variation elsewhere
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
@@ -51,11 +53,10 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find a long sample time, gaps, and single positions outside the range by twice its width."""
     h, position, unit = record.sample_time, record.position, record.unit
-    if h > _SLOWEST_SAMPLING:
-        text = (
-            f"Rows come every {h:.3g} s, too slowly for an axis; check the unit of t: --time-scale 0.001 if it is in "
-            "milliseconds, 1e-6 in microseconds."
-        )
+    unit_of_t = next(iter(units_of_clock(record.t)), "s")
+    if unit_of_t != "s":
+        factor = FACTORS["s"][unit_of_t]
+        text = f"Rows come every {h:.3g} s: t looks like {unit_of_t}. If so, give --time-scale {factor:g}."
         yield error("scale", text, "t")
     gaps = len(record.parts) - 1
     if gaps:

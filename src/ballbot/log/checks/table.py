@@ -9,7 +9,10 @@ from collections.abc import Mapping, Sequence
 
 from ballbot.findings import Finding, Severity, finding
 
-_IN_UNIT = "{name} varies {size:.3g} times as much as {rates} give: {column} is in {unit}, not in {right}."
+_IN_UNIT = (
+    "{name} varies {size:.3g} times as much as {rates} would make it: {column} looks like {unit}, not {right}. If so, "
+    'write unit = "{unit}" for it into a mapping.'
+)
 _ROLLING = "The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping."
 _ORDER = (
     "The torques do not fit the motion as logged: {fault}. With this correction they explain {after:.0f} % of the "

@@ -32,7 +32,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
-from ballbot.log.signals import dropouts, runs_of
+from ballbot.log.signals import LIVE_FRACTION, dropouts, runs_of
 from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
@@ -43,8 +43,8 @@ FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind rec
 LEAST_JUMP, FAR = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}, 30.0
 #: standard deviation of a state that moves [m, rad, m/s, rad/s], and of the ball's velocity if the robot does [m/s]
 LEAST_MOVING, LEAST_SPEED = 1e-3, 2e-3
-#: a live column changes at this fraction of the rows: staying constant for so long [rows, s] is a fault
-LIVE_FRACTION, STUCK_ROWS, STUCK_TIME = 0.9, 10, 0.1
+#: a live column (`LIVE_FRACTION`) that stays constant for so long [rows, s] has a fault
+STUCK_ROWS, STUCK_TIME = 10, 0.1
 #: shortest standstill of a torque that is not at its extreme [s]
 FROZEN_TORQUE_TIME = 1.0
 #: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
