@@ -58,7 +58,8 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
     first = np.nan
     for name in LEANS:
         lean = columns.get(name, np.zeros(0))
-        if np.nanmin(lean, initial=0.0) >= 0.0 and (np.abs(np.diff(lean)) > LARGEST_TURN).any():
+        known = lean[np.isfinite(lean)]
+        if known.min(initial=0.0) >= 0.0 and (np.abs(np.diff(known)) > LARGEST_TURN).any():
             continued[name] = within_half_a_turn(lean, np.pi)
             text = f"{name} is from 0 to a full turn; it is read from -pi to pi."
             findings.append(note("wrap", text, name))
