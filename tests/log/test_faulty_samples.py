@@ -124,3 +124,13 @@ def test_checks_of_a_log_name_dropouts_and_copies():
     codes = {(one.code, *one.where.columns) for one in check(changed)}
     assert {("spike", "wheel1"), ("copied", "wheel2", "wheel3")} <= codes
     assert not {"spike", "copied"} & {one.code for one in check(log)}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_speeds_by_counts_of_an_encoder_have_no_dropouts(seed):
+    random = np.random.default_rng([2, seed])
+    log = swaying_log()
+    t = np.cumsum(random.uniform(0.009, 0.011, len(log)))
+    angle = 0.01 * np.round(random.uniform(20.0, 60.0) * np.sin(0.5 * t))
+    changed = log.with_columns({"t": t, "wheel1_dot": np.gradient(angle, t)})
+    assert ("spike", ("wheel1_dot",)) not in {(one.code, one.where.columns) for one in check(changed)}

@@ -215,7 +215,10 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     cut = {name: values[first:last] for name, values in table.columns.items()}
     cut = rows_with_times(cut, roles.time, sentences)
     notes = [note("file", sentence) for sentence in sentences]
-    cut, lost = without_dropouts(cut, (*roles.attitude, *roles.angles, *roles.gyro))
+    # a speed by counts of an encoder is 0 again and again
+    cut, lost = without_dropouts(
+        cut, (*roles.attitude, *roles.gyro, *(() if roles.of_speeds else roles.angles))
+    )
     notes += lost
     if len(roles.attitude) == 3 and not roles.quaternion and is_constant(yaw := cut[roles.attitude[2]]):
         text = (

@@ -80,8 +80,9 @@ def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
 
 
 def _spikes_of(log: Log, name: str, _: object = None) -> Bools:
-    """Return which rows of a column (N,) are spikes; a torque may rightly be zero again and again."""
-    return spikes(log[name]) if name in _TORQUES else spikes(log[name]) | dropouts(log[name])
+    """Return which rows of a column (N,) are spikes; a torque or a speed by counts may rightly be 0 again and again."""
+    may_be_zero = name in _TORQUES or name.endswith("_dot")
+    return spikes(log[name]) if may_be_zero else spikes(log[name]) | dropouts(log[name])
 
 
 def _rows_at_top(log: Log, name: str, _: object) -> Floats:
