@@ -531,9 +531,11 @@ def apply_mapping(
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
-    # zero may be a command
+    # zero may be a command, or a speed by counts
     others = ("t", "ref_x", "ref_y", "ref_psi", *mapping.commands)
-    sensors = [source.column for name, source in mapping.sources.items() if name not in others]
+    sensors = [
+        s.column for name, s in mapping.sources.items() if name not in others and not name.endswith("_dot")
+    ]
     table, lost = without_dropouts(table, sensors)
     changes += lost
     columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes))
