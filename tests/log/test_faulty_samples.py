@@ -43,9 +43,11 @@ def sound(tmp_path_factory) -> Log:
 
 
 SEEDS = [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+#: a reading fails in the first row, and in the last
+AT_ENDS = [pytest.param(seed, marks=pytest.mark.slow) for seed in (35291, 35294)]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [*SEEDS, *AT_ENDS])
 def test_failed_readings_are_missing_values(tmp_path, sound, seed):
     changed = with_fault(columns_of_sound_log(), "failed readings", wheels=WHEELS, lean=LEAN, seed=seed)
     found = found_in(tmp_path, changed)
@@ -55,8 +57,10 @@ def test_failed_readings_are_missing_values(tmp_path, sound, seed):
     t = np.arange(3.0, 26.0, 0.01)
     for name in ("wheel1", "wheel2", "wheel3"):
         ours, theirs = (np.interp(t, log.t, log[name]) for log in (found.log, sound))
-        # of a range of 10 rad; a line over a missing row of 12 ms is off by less
-        assert np.abs((ours - theirs) - (ours - theirs).mean()).max() < 0.02
+        # of a range of 10 rad; a failed reading as the wheel passes by that value does not show, for one of the file's
+        # rows of up to 13 ms, where the log's are 10 ms
+        step = 1.3 * np.abs(np.diff(sound[name])).max()
+        assert np.abs((ours - theirs) - (ours - theirs).mean()).max() < max(0.02, step)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

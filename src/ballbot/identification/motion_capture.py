@@ -133,7 +133,8 @@ def _compared(path: Floats, seen: Floats, count: float) -> list[Finding]:
             option = "--mocap-mapping" if size == ratio else "--mapping"
             text = (
                 f"The positions of {name} look like {unit}, not m: they are {size:,.4g} times the path of {other}. If "
-                f'so, write unit = "{unit}" for {", ".join(columns)} into a mapping, and give it with {option}.'
+                f'so, export them in m, or write unit = "{unit}" for {", ".join(columns)} into a mapping, and give it '
+                f"with {option}."
             )
             findings.append(error("unit", text, *columns))
     if mirrored or abs(np.angle(along)) > _OPPOSITE:

@@ -648,9 +648,12 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns) -> Columns:
         if len(names) < 2:
             raise InputError("[time] repair needs the angles of at least two wheels.")
         angles = np.column_stack([without_holes(t, raw[name]) for name in names])
-        if not np.isfinite(angles).all():
+        known = np.flatnonzero(np.isfinite(angles).all(axis=1))  # the first and last rows may lack a value
+        if not known.size or len(known) <= np.ptp(known):
             raise InputError("[time] repair needs wheel angles without long holes.")
-        sampled = sampling_times(t, angles)
+        sampled = t.copy()
+        sampled[known] = sampling_times(t[known], angles[known])
+        sampled = np.maximum.accumulate(sampled)
     interpolated = even is not None or mapping.time.repair
     new = new_messages(sampled) if interpolated else np.ones(len(t), dtype=np.bool_)
     columns: Columns = {"t": rows}
