@@ -1,4 +1,4 @@
-"""The clock of a log's rows: one made of two columns, rows that arrive in bursts, its unit.
+"""The clock of a log's rows: one made of two columns, one that begins again, rows that arrive in bursts, its unit.
 
 Whole seconds and their fraction, such as the columns sec and nanosec, are one clock. Rows that a host stamps as they
 arrive, several at a time, were measured evenly: their mean interval holds.
@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
@@ -129,3 +130,24 @@ def clock_unit(t: Floats, name: str, named: str | None) -> Unit:
         f"{1e3 * INTERVALS[0]:g} to {1e3 * INTERVALS[1]:g} ms: log every control period, or write a mapping file with "
         f'the scale of its clock, t = {{ from = "{name}", scale = .. }}, in seconds.'
     )
+
+
+#: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
+#: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
+_PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
+#: most usual intervals across a restart
+_MEANWHILE = 5.0
+
+
+def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
+
+    A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
+    """
+    steps, usual, continued, rows = np.diff(t), _usual_step(t), t, []
+    for row in np.flatnonzero(steps < 0.0):
+        for period in _PERIODS:
+            if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
+                continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
+                rows.append(row + 1)
+    return continued, np.array(rows, dtype=np.intp)

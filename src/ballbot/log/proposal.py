@@ -19,7 +19,7 @@ from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.log.checks import check
 from ballbot.log.checks.table import judged
 from ballbot.log.checks.values import check_copies, is_constant
-from ballbot.log.clock import clock_unit
+from ballbot.log.clock import clock_unit, continuous_clock
 from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
@@ -55,7 +55,6 @@ from ballbot.log.row_order import (
 )
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.units import Unit, lean_units
-from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
 from ballbot.robot import Drive, Robot
 from ballbot.schema import toml_line

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from ballbot.arrays import Bools, Floats, format_duration
 from ballbot.errors import InputError
 from ballbot.findings import Finding, warning
-from ballbot.log.clock import without_bursts
+from ballbot.log.clock import continuous_clock, without_bursts
 from ballbot.log.columns import Columns
 from ballbot.log.signals import dropouts
-from ballbot.log.wrapping import continuous_clock
 from ballbot.summary import counted
 
 #: longest log and shortest interval between rows [s]

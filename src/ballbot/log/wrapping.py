@@ -1,4 +1,4 @@
-"""Unwrap headings, lean angles and clocks when a log is read.
+"""Unwrap headings and lean angles when a log is read.
 
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
@@ -99,26 +99,3 @@ def wrap_period(angles: Floats, periods: Iterable[float]) -> float | None:
         if kept and jumps.any() and np.abs(steps[jumps] - period).max() <= 2.0 * usual + _BEYOND * period:
             return period
     return None
-
-
-#: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
-#: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
-_PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
-#: most usual intervals across a restart
-_MEANWHILE = 5.0
-
-
-def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
-
-    A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
-    """
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    continued, rows = t, []
-    for row in np.flatnonzero(steps < 0.0):
-        for period in _PERIODS:
-            if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
-                continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
-                rows.append(row + 1)
-    return continued, np.array(rows, dtype=np.intp)

@@ -26,7 +26,7 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, UNIT_OF, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles, within_half_a_turn
 from ballbot.results import left_out
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
@@ -336,7 +336,8 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
         )
     if roles.attitude and not roles.quaternion:
         unit, (roll, pitch) = roles.unit(roles.attitude), (columns[name] for name in roles.attitude[:2])
-        roles = replace(roles, half_turn=_half_turn(roll, unit), turn=_whole_turn(roll, pitch, unit))
+        half, turn = _turn_near(roll, 0.5, unit), _turn_near(np.concatenate([roll, pitch]), 1.0, unit)
+        roles = replace(roles, half_turn=half and 0.5 * half, turn=turn)
     return replace(table, columns=columns), roles
 
 
@@ -467,23 +468,15 @@ def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
     return ()
 
 
-def _whole_turn(roll: Floats, pitch: Floats, unit: str | None) -> float | None:
-    """Return a turn in the unit of a roll and a pitch (N,) from zero to one, near its ends; None if they are not."""
-    known = np.concatenate([roll, pitch])
-    known = known[np.isfinite(known)]
+def _turn_near(angles: Floats, part: float, unit: str | None) -> float | None:
+    """Return a turn in the unit of angles (N,) near half a turn, or from zero to one near its ends, as `part` says.
+
+    None if they are not there: an IMU upside down has its roll near half a turn.
+    """
+    known = angles[np.isfinite(angles)]
     for angle_unit, turn in (("deg", 360.0), ("rad", 2.0 * np.pi)):
-        near = np.minimum(known, turn - known) < UPSIDE_DOWN * turn
-        inside = known.size and known.min() >= 0.0 and 0.5 * turn < known.max() <= turn
-        if unit in (None, angle_unit) and inside and near.mean() > UPSIDE_DOWN_ROWS:
+        near = np.abs(within_half_a_turn(known - part * turn, 0.5 * turn)) < UPSIDE_DOWN * turn
+        inside = part < 1.0 or (known.min(initial=0.0) >= 0.0 and 0.5 * turn < known.max(initial=0.0) <= turn)
+        if unit in (None, angle_unit) and known.size and inside and near.mean() > UPSIDE_DOWN_ROWS:
             return turn
-    return None
-
-
-def _half_turn(roll: Floats, unit: str | None) -> float | None:
-    """Return half a turn in the unit of a roll (N,) that shows an IMU upside down; None if it shows none."""
-    known = roll[np.isfinite(roll)]
-    for angle_unit, half in (("deg", 180.0), ("rad", np.pi)):
-        near = np.abs(np.abs(known) - half) < UPSIDE_DOWN * 2.0 * half
-        if unit in (None, angle_unit) and len(known) and near.mean() > UPSIDE_DOWN_ROWS:
-            return half
     return None
