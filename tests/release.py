@@ -26,7 +26,7 @@ TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
     "tests/mechanics/test_stick_slip.py",  # numba
     "tests/robot/test_file.py",  # pydantic, tomli-w
-    "tests/log/test_formats.py",  # pyarrow
+    "tests/log/test_formats.py",  # pyarrow, pandas
     "tests/log/test_frames.py",  # pandas
     "tests/log/test_message_formats.py",  # mcap, rosbags
     "tests/control/test_lqr.py",  # scipy, control

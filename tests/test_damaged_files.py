@@ -279,7 +279,7 @@ def test_damaged_files_are_accepted_or_refused(tmp_path: Path, name: str) -> Non
         path.write_bytes(content)
         judge(path)
     for number in range(COUNT):
-        random = Random(f"6 {name} {number}")
+        random = Random(f"10 {name} {number}")
         path.write_bytes(mutated(random.choice(samples), random))
         try:
             judge(path)

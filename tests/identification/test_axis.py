@@ -7,10 +7,12 @@ import pytest
 from scipy.io import savemat
 
 from ballbot.cli.main import main
+from ballbot.errors import InputError
 from ballbot.identification.axis import AxisOptions, identify_axis
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from tests.support.axis_examples import simulated_record
 from tests.support.axis_machines import Logging, Machine, record_of
+from tests.support.faulty_samples import friction_record
 
 EMPS = AxisColumns(position="qm", force="vir", force_scale="gtau")
 
@@ -106,3 +108,26 @@ def test_a_late_force_is_said() -> None:
     late = replace(record, force=np.append(record.force[4:], np.full(4, record.force[-1])))
     found = identify_axis(late, options=AxisOptions(law="coulomb", gravity=False))
     assert "force-delay" in {one.code for one in found.findings}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "seed"), [("coulomb", 0), ("viscous", 1)])
+def test_forces_from_elsewhere_are_refused_and_the_same_joint_without_them_is_identified(law, seed) -> None:
+    record, coulomb = friction_record(law, seed, noise=0.05, sound=True)
+    found = identify_axis(record)
+    assert found.law == law
+    # three standard errors
+    assert abs(found.best.values.get("coulomb", 0.0) - coulomb) <= 1.5 * found.best.half_widths.get(
+        "coulomb", 0.0
+    )
+    with pytest.raises(InputError, match="a plain regression of the force on acceleration and speed"):
+        identify_axis(friction_record(law, seed, noise=1.0, sound=True)[0])
+
+
+@pytest.mark.slow
+def test_a_delay_that_no_drive_has_is_refused() -> None:
+    slow = replace(LOGGING, duration=12.0, rate=100.0, slowest=0.1, fastest=0.5)
+    record = record_of(joint(viscous=3.0, coulomb=1.0), slow, 3)
+    early = replace(record, force=np.append(record.force[15:], np.full(15, record.force[-1])))
+    with pytest.raises(InputError, match="the end of its range"):
+        identify_axis(early)

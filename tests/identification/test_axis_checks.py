@@ -15,6 +15,7 @@ from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.driveline import friction_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from tests.support.axis_examples import simulated_record
+from tests.support.faulty_samples import friction_record
 
 
 def open_loop() -> AxisRecord:
@@ -45,6 +46,13 @@ def error_texts(record: AxisRecord, code: str) -> list[str]:
 def test_wrong_records_in_open_loop_are_stopped(change: Change, codes: set[str]) -> None:
     found = record_findings(change(open_loop()))
     assert {one.code for one in found if one.severity == "error"} & codes, found
+
+
+@pytest.mark.parametrize("law", ["viscous", "coulomb", "stribeck"])
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_the_friction_alone_determines_no_mass(law: str, seed: int) -> None:
+    assert error_texts(friction_record(law, seed, noise=0.35)[0], "excitation")
+    assert record_findings(friction_record(law, seed, noise=0.05, sound=True)[0]) == ()
 
 
 def test_correct_records_pass() -> None:

@@ -81,7 +81,7 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) 
         ({"added_force": "pulses"}, {}, "no variable 'pulses' for --added-force"),
         ({"force_scale": "t"}, {}, "'t' has 600 different values; it must be one number"),
         ({}, {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)}, "force is missing or .* in row 1"),
-        ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
+        ({}, {"t": T[::-1].copy()}, "Time decreases at row 2"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
     ],
 )
@@ -97,7 +97,12 @@ def test_bad_files_and_columns_answer_with_their_cause(tmp_path, columns, change
         ("t,position,force", "[ms],[mm],[N]", {}, (1e-3, 1e-3, 1.0)),
         ("t,position,force", "s,°,mNm", {"unit": "rad"}, (1.0, np.pi / 180.0, 1e-3)),
         ("t,position [cm],force", "", {"position": "position [cm]"}, (1.0, 0.01, 1.0)),
-        ("t,position,force", "s,deg,A", {"position_scale": "0.5", "unit": "rad"}, (1.0, 0.5, 1.0)),
+        (
+            "t,position,force",
+            "s,deg,A",
+            {"position_scale": "0.5", "force_scale": "3", "unit": "rad"},
+            (1.0, 0.5, 3.0),
+        ),
         ("t_ms,position_deg,force_mNm", "", {"unit": "rad"}, (1e-3, np.pi / 180.0, 1e-3)),
         ("t,position_m,force_A", "", {"unit": "rad"}, (1.0, 1.0, 1.0)),
     ],
@@ -113,7 +118,7 @@ def test_units_in_a_file_are_converted_unless_a_factor_is_given(tmp_path, names,
     np.testing.assert_allclose(record.position, of_position * POSITION, atol=1e-9)
     np.testing.assert_allclose(record.force, of_force * FORCE, rtol=1e-6, atol=1e-9)
     converted = set(factors) != {1.0} and "position_scale" not in columns
-    assert ("axis-unit" in {one.code for one in record.findings}) == converted
+    assert ("unit" in {one.code for one in record.findings}) == converted
 
 
 def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
@@ -140,7 +145,7 @@ def test_a_position_that_wraps_is_counted_on(tmp_path, position, scale, period):
     assert np.abs(np.diff(record.position)).max() < 0.1 * period
     found = {one.code for one in record_findings(record) if one.severity != "error"}
     assert "wrap" in found
-    assert ("axis-unit" in found) == (scale == 1.0 and period == 360.0)
+    assert ("unit" in found) == (scale == 1.0 and period == 360.0)
 
 
 @pytest.mark.parametrize("jump", [2.0, 6.28])

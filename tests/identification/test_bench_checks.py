@@ -109,7 +109,7 @@ def test_the_shared_sweep_passes(shared_data: Path) -> None:
 #: what becomes of a log of the ball, and the finding with a part of its text
 WRONG_BALLS: dict[str, tuple[Change, str, str]] = {
     "all torques negated": (times(-1.0, *TORQUES), "torque-sign", "The motion shows -"),
-    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "0.001 if the torques are in mN m"),
+    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "The torques look like mN m"),
     "dead motor": (noise("u2"), "torque-scale", "0 if it was not logged or its motor is dead"),
     "random torques": (noise(*TORQUES), "torque-scale", "columns of another log"),
     "ball's x negated": (
@@ -122,7 +122,7 @@ WRONG_BALLS: dict[str, tuple[Change, str, str]] = {
         "ball-omega",
         "are (0.0, 1.0, 0.0), (1.0, 0.0, 0.0) and (0.0, 0.0, 1.0) times",
     ),
-    "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "(rpm are 9.5 rad/s"),
+    "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega looks like rpm"),
     "camera lost the ball": (frozen(*BALL, row=1000), "stuck", "ball_omega_z repeat one value for 2 s"),
 }
 

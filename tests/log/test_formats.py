@@ -243,7 +243,7 @@ def test_long_matrices_of_a_matlab_file_are_columns(tmp_path, turned):
     columns = read_columns(tmp_path / "log.mat")
     assert set(columns) == {"t", "wheel_1", "wheel_2", "wheel_3"}
     np.testing.assert_array_equal(np.column_stack([columns[f"wheel_{k}"] for k in (1, 2, 3)]), wheel)
-    np.testing.assert_array_equal(read_variables(tmp_path / "log.mat")[0]["gain"], gain.ravel())
+    np.testing.assert_array_equal(read_variables(tmp_path / "log.mat").columns["gain"], gain.ravel())
 
 
 HEADED_TABLES = {
@@ -262,7 +262,8 @@ HEADED_TABLES = {
 def test_separator_decimal_sign_and_header_of_variables_are_inferred(tmp_path, text):
     path = tmp_path / "table.csv"
     path.write_text(text)
-    variables, units = read_variables(path)
+    table = read_variables(path)
+    variables, units = table.columns, table.units
     values = [variables[name].tolist() for name in ("Zeit", "Weg", "Kraft")]
     assert values == [[0.5, 1.5], [1.25, 2.5], [-3.0, 0.4]]
     assert infer_text_table(path).layout.names == tuple(variables)
@@ -276,7 +277,7 @@ def test_the_fields_of_a_matlab_structure_are_columns(tmp_path):
 
     def read(variables):
         scipy.io.savemat(tmp_path / "log.mat", variables)
-        return read_variables(tmp_path / "log.mat")[0]
+        return read_variables(tmp_path / "log.mat").columns
 
     alone = read({"log": fields, "Ts": 0.01})
     assert {"t", "roll", "imu.pitch", "enc_1", "enc_2", "enc_3", "Ts"} <= set(alone)

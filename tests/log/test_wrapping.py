@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Log
-from ballbot.log.wrapping import continuous_clock, continuous_heading
+from ballbot.log.clock import continuous_clock
+from ballbot.log.wrapping import continuous_heading
 from tests.support.log_examples import smooth_log
 
 TURN = 2.0 * np.pi

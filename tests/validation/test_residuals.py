@@ -9,13 +9,13 @@ from scipy.signal import lfilter
 
 from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.evidence import autocovariance
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair
 from ballbot.validation.models import Case, stretches
 from ballbot.validation.residuals import Prediction, predict, wheel_torque_residuals
 from ballbot.validation.statistics import (
-    autocovariance,
     blocks_of,
     correlations,
     holm,

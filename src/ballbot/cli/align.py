@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.cli.findings import check_input
+from ballbot.cli.findings import check_input, in_files, read_motion_capture, stop_or_show
 from ballbot.errors import about
 from ballbot.log import Log
 from ballbot.log.collection import named_files
@@ -20,6 +20,7 @@ def align(
     *,
     out: options.Out,
     mapping: options.Mapping = None,
+    mocap_mapping: options.MocapMapping = None,
     robot: options.MotorsOf = None,
     accept: options.Accept = None,
 ) -> None:
@@ -41,17 +42,20 @@ def align(
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
     """
-    run, cameras = Log.read(log, mapping=mapping, robot=robot), Log.read(mocap)
+    run = Log.read(log, mapping=mapping, robot=robot)
+    cameras = read_motion_capture(mocap, mocap_mapping, accept=accept)
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
         with about(f"{log} and {mocap}"):
             alignment = align_log(run, cameras)
+        findings += stop_or_show(in_files([(mocap, alignment.doubts)]), accept=accept)
         page = alignment_report(
             alignment,
             title=f"{name}: sensors against motion capture",
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
             log_findings=findings,
         )
-        step = f"`ballbot identify-geometry ROBOT --balancing {log} --motion-capture {mocap} --out geometry`"
-        result.write(page, files={"aligned.csv": alignment.log.write}, next_step=step)
+        mapped = f" --mocap-mapping {mocap_mapping}" if mocap_mapping else ""
+        step = f"identify-geometry ROBOT --balancing {log} --motion-capture {mocap}{mapped} --out geometry"
+        result.write(page, files={"aligned.csv": alignment.log.write}, next_step=f"`ballbot {step}`")

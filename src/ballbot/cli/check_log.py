@@ -11,6 +11,7 @@ from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import BALANCING, DRIVELINES
+from ballbot.log.columns import given_names
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
@@ -67,7 +68,7 @@ def check_log(
         command=command,
         full_scale=full_scale,
         counts_per_turn=counts_per_turn,
-        columns=_column_names(columns),
+        columns=given_names(columns),
     )
     for name, value in vars(stated).items():
         if value is not None and not proposes:
@@ -82,19 +83,6 @@ def check_log(
         else:
             for path in files:
                 _check(path, described, mapping, result, source=robot)
-
-
-def _column_names(columns: str | None) -> list[str] | None:
-    """Return the names of --columns; names of unknown columns get a number, so that all differ."""
-    if columns is None:
-        return None
-    names = list[str]()
-    for number, word in enumerate(columns.split(","), start=1):
-        name = word.strip() if any(map(str.isalnum, word)) else f"unused_{number}"
-        if name in names:
-            raise InputError(f"--columns has the name {name} twice.")
-        names.append(name)
-    return names
 
 
 def _check(

@@ -105,7 +105,9 @@ class CommandResult:
 
         With a folder, the terminal shows `Result.parts` in brief, otherwise all of them.
         """
-        result = replace(result, provenance=self.origin, next_step=next_step)
+        despite = [("Despite an accepted error", text) for text in result.accepted_errors]
+        verdict = [*despite, *result.verdict]
+        result = replace(result, provenance=self.origin, next_step=next_step, verdict=verdict)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
             # imported late: an error needs no templates and scripts

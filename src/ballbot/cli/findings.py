@@ -63,6 +63,16 @@ def in_files(named: Iterable[tuple[Path, Iterable[Finding]]]) -> list[Finding]:
     ]
 
 
+def read_motion_capture(path: Path, mapping: Path | None, *, accept: Sequence[str] | None) -> Log:
+    """Return motion capture; raise InputError if its clock is in another unit, and that is not accepted."""
+    from ballbot.identification.motion_capture import clock_findings
+    from ballbot.log import Log, pose
+
+    mocap = Log.read(path, mapping=mapping) if mapping else pose.read_motion_capture(path)
+    stop_or_show(in_files([(path, clock_findings(mocap))]), accept=accept)
+    return mocap
+
+
 def stop_or_show(
     findings: Iterable[Finding], *, accept: Sequence[str] | None, others: str = "", show: bool = True
 ) -> tuple[Finding, ...]:

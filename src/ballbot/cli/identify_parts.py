@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_logs
-from ballbot.cli.findings import in_files, stop_or_show
+from ballbot.cli.findings import in_files, read_motion_capture, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run
@@ -123,6 +123,7 @@ def identify_geometry(
     balancing: list[Path] | None = None,
     motion_capture: list[Path] | None = None,
     mapping: options.Mapping = None,
+    mocap_mapping: options.MocapMapping = None,
     accept: options.Accept = None,
     out: options.Out,
 ) -> None:
@@ -160,11 +161,13 @@ def identify_geometry(
         for path, log in zip(on_wheels, of_ball, strict=True)
     )
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
+    cameras = [read_motion_capture(capture, mocap_mapping, accept=accept) for capture in captures]
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         geometry = survey_geometry(
             described,
             upside_down=of_ball,
-            balancing=[(log, Log.read(capture)) for log, capture in zip(of_runs, captures, strict=True)],
+            balancing=[*zip(of_runs, cameras, strict=True)],
+            accept=accept or (),
             progress=result.report,
         )
         step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"

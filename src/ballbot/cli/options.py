@@ -94,6 +94,13 @@ Mapping = Annotated[
     ),
 ]
 
+MocapMapping = Annotated[
+    Path | None,
+    Parameter(
+        help="A TOML file that describes the columns and units of the motion capture, as --mapping does."
+    ),
+]
+
 MotorsOf = Annotated[
     str | None,
     Parameter(

@@ -22,6 +22,7 @@ from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.signals import longest_repeat
+from ballbot.log.units import unit_of_ratio
 from ballbot.robot import Robot
 from ballbot.simulation.upside_down import ClampedBall
 
@@ -32,6 +33,8 @@ _PIECE, _LEAST_PIECES = 0.1, 20
 _USUAL, _POSSIBLE = (0.6, 1.6), (0.4, 2.5)
 #: least share of the changes of speed that the equation explains
 _EXPLAINED = 0.4
+#: a gain is a unit's if it is away from its factor by less than this factor: slip and play take up to a quarter
+_NEAR = 1.33
 #: wheel speeds by the encoders over those by the ball
 _LIKE_ENCODERS = (0.85, 1.18)
 #: [s] and rows for which a frozen speed repeats
@@ -118,10 +121,10 @@ def encoder_findings(
             "The wheels turn against the ball: ball_omega on all axes, or all wheels, have the opposite sign."
         )
     elif left < 0.5:
-        text = (
-            f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: one of the two is in "
-            "another unit (rpm are 9.5 rad/s, deg/s 57), or ball.radius or wheels.radius is wrong."
-        )
+        wheels_in, ball_in = (unit_of_ratio(ratio, "rad/s", within=_NEAR) for ratio in (slope, 1.0 / slope))
+        looks = f"wheel speeds look like {wheels_in}" if wheels_in else f"ball_omega looks like {ball_in}"
+        cause = f"{looks}, not rad/s" if wheels_in or ball_in else "ball.radius or wheels.radius is wrong"
+        text = f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: {cause}."
     else:
         # the ball's axes as the wheels show them: rows of a matrix from those logged
         axes = np.linalg.lstsq(omega, wheels @ np.linalg.pinv(A).T, rcond=None)[0].T
@@ -149,15 +152,26 @@ def _of_torques(
                 )
                 yield warning("torque-scale", text, name)
         return
-    drive = robot.drive
+    drive, common = robot.drive, float(np.median(gains))
+    alike = explained > _EXPLAINED and all(common / _NEAR < gain < common * _NEAR for gain in gains)
+    speeds = unit_of_ratio(common, "rad/s", within=_NEAR) if alike else None
+    torques = unit_of_ratio(1.0 / common, "N m", within=_NEAR) if alike else None
+    cause = (
+        "It is -1 if a torque, or what it moves, has the opposite sign; 0 if it was not logged or its motor is dead; "
+        f"{drive.gear_ratio:.3g} if one of the two is the motors', before the gear; "
+        f"{drive.gear_ratio * drive.torque_constant:.2g} if the torques are currents in A. Several that are off at "
+        "once: torques in another order, the ball's axes exchanged, columns of another log, a delay, or a robot that "
+        "is not clamped."
+    )
+    if speeds or torques:
+        cause = (
+            f"The speeds look like {speeds}, not rad/s."
+            if speeds
+            else f"The torques look like {torques}, not N m."
+        )
     text = (
         f"The motion shows {every([f'{round(gain, 6) + 0.0:.2g}' for gain in gains])} times {every(names)}, which "
-        f"explain {100.0 * max(0.0, explained):.0f} % of the changes of speed; each should be 1. It is -1 if a torque, "
-        "or what it moves, has the opposite sign; 0 if it was not logged or its motor is dead; 0.001 if the torques "
-        f"are in mN m, 0.01 in N cm, 9.5 if the speeds are in rpm, 57 in deg/s; {drive.gear_ratio:.3g} if one of the "
-        f"two is the motors', before the gear; {drive.gear_ratio * drive.torque_constant:.2g} if the torques are "
-        "currents in A. Several that are off at once: torques in another order, the ball's axes exchanged, columns of "
-        "another log, a delay, or a robot that is not clamped."
+        f"explain {100.0 * max(0.0, explained):.0f} % of the changes of speed; each should be 1. {cause}"
     )
     signs_alone = explained > _EXPLAINED and all(_POSSIBLE[0] < abs(gain) < _POSSIBLE[1] for gain in gains)
     yield error("torque-sign" if signs_alone else "torque-scale", text, *names, *moved)

@@ -24,7 +24,7 @@ Standard errors do not include the few tenths of a percent by which rollers slip
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,12 +33,13 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError
-from ballbot.findings import Finding, note
+from ballbot.findings import Finding, note, stop_on_errors
 from ballbot.fitting.experiment import BlockErrors, residuals_without_states
 from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.driveline import BALL_NAMES
+from ballbot.identification.motion_capture import LARGEST_LEAN, frame_findings, poses_on_rows
 from ballbot.identification.turning import (
     GYRO_NAMES,
     MotionFit,
@@ -88,10 +89,6 @@ def _increments(
     return stacked, np.concatenate(clusters).astype(np.int64)
 
 
-#: a robot at a larger angle from upright [rad] is falling or held by hand
-LARGEST_LEAN = 0.35
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MocapRun:
     """A balancing run: its log, the ball's rolling from cameras, and the alignment of the two."""
@@ -101,10 +98,11 @@ class MocapRun:
     motion: MotionFit  #: its `body_marker` rotates the body frame to the IMU's
 
 
-def mocap_run(log: Log, mocap: Log) -> MocapRun:
+def mocap_run(log: Log, mocap: Log, *, accept: Collection[str] = ()) -> MocapRun:
     """Return a balancing run, from its log with a gyro and its motion capture of ball and body.
 
-    InputError if a column is missing, the robot is hardly ever seen upright, or the two are of different runs.
+    InputError if a column is missing, the robot is hardly ever seen upright, the two are of different runs, or the
+    positions are in another unit or frame (`frame_findings`) and the code of that is not accepted.
     """
     log.require(*GYRO_NAMES)
     poses = read_poses(mocap)
@@ -122,6 +120,7 @@ def mocap_run(log: Log, mocap: Log) -> MocapRun:
     usable = seen & (axis @ up > np.cos(LARGEST_LEAN))
     upright = poses_turning(replace(poses, seen=usable).seen_only())
     motion, _ = match_turning(log_turning(log), upright, least_share=_LEAST_SHARE)
+    stop_on_errors(frame_findings(log, poses_on_rows(log, poses.seen_only(), motion), motion), accept=accept)
     turns = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
     middle = (rotations[:-1] * Rotation.from_rotvec(0.5 * turns)).inv()
     rolls = np.cross(middle.apply(up), middle.apply(np.diff(positions, axis=0)))
@@ -314,6 +313,7 @@ def survey_geometry(
     *,
     upside_down: Sequence[Log] = (),
     balancing: Sequence[tuple[Log, Log]] = (),
+    accept: Collection[str] = (),
     progress: ProgressCallback = ignore_progress,
 ) -> Geometry:
     """Identify a robot's geometry by kinematics alone.
@@ -329,6 +329,8 @@ def survey_geometry(
     balancing : sequence of (Log, Log)
         A run's log, with wheel1 .. wheeln and gyro_x, _y, _z, and its motion capture: t, x y z of the ball's centre, qw
         qx qy qz of the body, on its own clock and in its own frame.
+    accept : collection of str, optional
+        Codes of errors of the motion capture to continue with.
     progress : callable, optional
         Called before each stage.
 
@@ -366,7 +368,7 @@ def survey_geometry(
         leaning = float(on_wheels.values[0] * math.cos(on_wheels.values[1]))
     for log, mocap in balancing:
         progress(next(steps))
-        runs.append(mocap_run(log, mocap))
+        runs.append(mocap_run(log, mocap, accept=accept))
     if runs:
         progress(next(steps))
         of_rolling, rolling = _of_rolling(robot, runs, leaning)

@@ -46,8 +46,13 @@ LARGEST_CELL = 1e30
 KNOWN_NAMES = tuple(_UNITS)
 
 
+#: of motion capture beside t, x and y: its height [m] and a body's quaternion; no column of a robot's log
+MOCAP_NAMES = ("z", "qw", "qx", "qy", "qz")
+_UNITS |= {"z": "m"}
+
+
 def unit_of(name: str) -> str | None:
-    """Return the SI unit of a column by its name, or None if the name is not one of Ballbot's."""
+    """Return the SI unit of a column by its name; None if it is not one of Ballbot's, or a quaternion's."""
     return _UNITS.get(name)
 
 
@@ -65,6 +70,19 @@ def check_column_names(names: Iterable[str], *, source: str) -> None:
                 f"{source}: the name of column {number}, {name[:40]!r}, "
                 "contains characters that cannot be printed."
             )
+
+
+def given_names(columns: str | None) -> list[str] | None:
+    """Return the names that --columns lists; those of columns without a name get a number, so that all differ."""
+    if columns is None:
+        return None
+    names = list[str]()
+    for number, word in enumerate(columns.split(","), start=1):
+        name = word.strip() if any(map(str.isalnum, word)) else f"unused_{number}"
+        if name in names:
+            raise InputError(f"--columns has the name {name} twice.")
+        names.append(name)
+    return names
 
 
 def wheel_angle_names(count: int) -> tuple[str, ...]:
@@ -102,9 +120,14 @@ _KINDS: dict[str, dict[str, tuple[float, str]]] = {
         "ms": (1e-3, "ms msec millis milliseconds millisec"),
         "us": (1e-6, "us usec micros microseconds µs μs"),
         "ns": (1e-9, "ns nsec nanos nanoseconds nanosec"),
+        "min": (60.0, ""),
     },
-    "m": {"m": (1.0, "m meter meters metre metres"), "cm": (1e-2, ""), "mm": (1e-3, "mm")},
-    "m/s": {"m/s": (1.0, "m/s mps"), "cm/s": (1e-2, ""), "mm/s": (1e-3, "")},
+    "m": {
+        "m": (1.0, "m meter meters metre metres"),
+        "cm": (1e-2, "cm centimeters centimetres"),
+        "mm": (1e-3, "mm"),
+    },
+    "m/s": {"m/s": (1.0, "m/s mps"), "cm/s": (1e-2, "cm/s"), "mm/s": (1e-3, "mm/s")},
     "m/s^2": {"m/s^2": (1.0, "m/s^2 m/s2 m/s²"), "g": (9.80665, "")},
     "rad": {
         "rad": (1.0, "rad rads radian radians"),
@@ -117,6 +140,7 @@ _KINDS: dict[str, dict[str, tuple[float, str]]] = {
         "rad/s": (1.0, "rad/s radps radpers radpersec radpersecond"),
         "deg/s": (math.pi / 180.0, "deg/s dps degps degpers degpersec degreespersecond °/s"),
         "rpm": (2.0 * math.pi / 60.0, "rpm revpermin u/min"),
+        "turn/s": (2.0 * math.pi, "turn/s turns/s rev/s revs/s revps revpersec revpers"),
         "mdeg/s": (math.pi / 180000.0, "mdeg/s mdps mdegps"),
         "mrad/s": (1e-3, "mrad/s mradps"),
     },
@@ -132,7 +156,6 @@ _KINDS: dict[str, dict[str, tuple[float, str]]] = {
 _OTHERS = {
     "counts": "count counts cnt cnts tick ticks pulses inkremente",
     "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
-    "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
     "rps": "rps",  # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
     "%": "% pct percent perc",
 }

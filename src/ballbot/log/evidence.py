@@ -1,11 +1,21 @@
-"""Probabilities of hypotheses, and jackknife standard errors over blocks."""
+"""Probabilities of hypotheses, correlations as evidence, and jackknife standard errors over blocks.
+
+A correlation r of two signals is evidence of a sign, an order or a scale only if unrelated signals would hardly have
+it. Two autocorrelated series have larger accidental correlations than white ones. For independent series (M. Bartlett,
+Journal of the Royal Statistical Society 98 (1935) 536-543),
+
+    var r = (1 + 2 sum_k rho_1(k) rho_2(k)) / n
+
+so the effective sample size is n over that sum, at most n, and r is tested by Student's t (`confidence_in`). And a
+column is another's only if it explains half of it (`RELATED`).
+"""
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
-from scipy.special import ndtr, softmax
+from scipy.special import ndtr, ndtri, softmax, stdtr
 
 from ballbot.arrays import Floats
 
@@ -16,6 +26,14 @@ CONFIDENT = 0.9
 ERRORS_WEIGHT = 0.6
 #: log ratio of the residuals of two explanations above which it counts
 LEAST_RATIO = 0.2
+#: least correlation of two columns of which one is said to be, or to follow, the other: it then explains half of the
+#: variance, more than anything that is independent of it can
+RELATED = math.sqrt(0.5)
+#: least correlation of two columns whose ratio is a scale: noise of one makes a slope too small by the square of the
+#: correlation, a fifth at most
+SCALED = 0.9
+#: autocorrelations are summed up to lags of this share of the series
+_REACH = 0.2
 #: power of the prior in a confidence: the usual one of explanations that fit alike is preferred, but is not made
 #: certain
 PRIOR_POWER = 0.7
@@ -71,6 +89,56 @@ def correlations(x: Floats, y: Floats) -> Floats:
     x, y = x - x.mean(axis=0), y - y.mean(axis=0)
     size = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
     return np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
+
+
+def slices(lengths: Sequence[int]) -> Iterator[slice]:
+    """Yield the slice of each segment, given their lengths."""
+    end = 0
+    for length in lengths:
+        yield slice(end, end + length)
+        end += length
+
+
+def autocovariance(values: Floats, segments: Sequence[int], *, lags: int) -> Floats:
+    """Return the autocovariances (lags + 1, k) of columns (n, k) about their means, divided by n at every lag."""
+    deviation = values - values.mean(axis=0)
+    total = np.zeros((lags + 1, values.shape[1]))
+    for where in slices(segments):
+        part = deviation[where]
+        size = 1 << int(2 * len(part) - 1).bit_length()
+        spectrum = np.fft.rfft(part, size, axis=0)
+        products = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)
+        reach = min(lags + 1, len(part))
+        total[:reach] += products[:reach]
+    return total / len(values)
+
+
+def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
+    """Return for each two columns (n, m), made of `segments`, how many independent samples they have (m, m)."""
+    lags = int(min(max(segments) - 1, _REACH * len(columns)))
+    covariances = autocovariance(columns, segments, lags=lags)
+    memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
+    return len(columns) / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
+
+
+def chance_of(r: Floats, count: Floats) -> Floats:
+    """Return the probability that unrelated signals of so many independent samples correlate by r or more."""
+    t = np.abs(r) * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - np.square(r), 1e-15))
+    return np.asarray(stdtr(np.maximum(count - 2.0, 1.0), -t), dtype=np.float64)
+
+
+def confidence_in(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the correlations (k, m) of columns of x (N, k) with those of y (N, m), and the confidence in their signs.
+
+    >>> t = 0.01 * np.arange(2000)[:, None]
+    >>> r, confidence = confidence_in(np.sin(9.0 * t), np.sin(9.0 * t) + np.sin(7.0 * t))
+    >>> round(float(r[0, 0]), 1), float(confidence[0, 0]) > CONFIDENT
+    (0.7, True)
+    """
+    r, k = correlations(x, y), x.shape[1]
+    counts = effective_counts(np.column_stack([x, y]), [len(x)])[:k, k:]
+    z = -ndtri(np.maximum(chance_of(r, counts), TINY))
+    return r, np.minimum(ndtr(ERRORS_WEIGHT * z), MOST)
 
 
 def jackknife_error(estimates: Floats) -> Floats:

@@ -51,6 +51,11 @@ def less_half_a_turn(roll: Floats, half: float) -> Floats:
     return np.mod(roll, 2.0 * half) - half
 
 
+def within_half_a_turn(angles: Floats, half: float) -> Floats:
+    """Return angles, of any shape, from -half to half a turn: a roll of 359 degrees is one of -1."""
+    return np.where(np.abs(angles) > half, np.mod(angles + half, 2.0 * half) - half, angles)
+
+
 def turning_tilts(angles: Floats, handedness: float) -> Floats:
     """Return roll and pitch (N, 2) [rad] of the sequence ZYX of roll, pitch and yaw (N, 3) [rad] of the sequence XYZ.
 

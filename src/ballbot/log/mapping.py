@@ -68,12 +68,13 @@ torques [N m].
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
-The steps of `apply_mapping`, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
-when the rows were sampled, shift and resample, convert an IMU's angles, differentiate, compute torques, keep intervals.
-Delays are removed: a sensor's value that reached the log `delay` late describes the time t - delay, and a command
-logged at t acts at t + delay and is held until the next. Rows for which a delayed column has no value are cut off. At
-even intervals, sensors are interpolated between the file's rows, and a command is its mean over the time to the next
-row, so that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones have no value.
+The steps of `apply_mapping`, in order: clear failed readings (`without_dropouts`), scale, continue wheel angles across
+resets or integrate their speeds, estimate when the rows were sampled, shift and resample, convert an IMU's angles,
+differentiate, compute torques, keep intervals. Delays are removed: a sensor's value that reached the log `delay` late
+describes the time t - delay, and a command logged at t acts at t + delay and is held until the next. Rows for which a
+delayed column has no value are cut off. At even intervals, sensors are interpolated between the file's rows, and a
+command is its mean over the time to the next row, so that its impulse is kept; short holes (`without_holes`) are
+filled, rows in longer ones have no value.
 """
 
 import math
@@ -95,6 +96,7 @@ from ballbot.log.columns import (
     ATTITUDE_NAMES,
     KNOWN_NAMES,
     MAX_WHEELS,
+    MOCAP_NAMES,
     Columns,
     check_column_names,
     factor_to,
@@ -113,10 +115,11 @@ from ballbot.log.imu_angles import (
     integral_of,
     less_half_a_turn,
     quaternion_angles,
+    within_half_a_turn,
 )
-from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
+from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times, without_dropouts
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
-from ballbot.log.wrapping import continuous_headings
+from ballbot.log.wrapping import HEADINGS, LEANS, continuous_headings
 from ballbot.robot import RobotLike, as_robot
 from ballbot.schema import validate_table
 
@@ -429,7 +432,7 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
     if speed.wrap or speed.largest_speed:
         yield "[wheels] speed cannot have wrap or largest_speed, which are of angles"
     for name, entry in mapping.columns.items():
-        if name not in KNOWN_NAMES:
+        if name not in (*KNOWN_NAMES, *MOCAP_NAMES):
             hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
             yield f"[columns] has {name}, which is not a column of a log; {hint}"
         if entry.derivative_of and entry != ColumnTable(derivative_of=entry.derivative_of):
@@ -528,6 +531,13 @@ def apply_mapping(
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
+    # zero may be a command, or a speed by counts
+    others = ("t", "ref_x", "ref_y", "ref_psi", *mapping.commands)
+    sensors = [
+        s.column for name, s in mapping.sources.items() if name not in others and not name.endswith("_dot")
+    ]
+    table, lost = without_dropouts(table, sensors)
+    changes += lost
     columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes))
     imu, drive = mapping.attitude, mapping.input
     if imu is not None:
@@ -606,7 +616,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         for name in wheels:
             raw[name] = unwrapped(raw[name], period=abs(mapping.sources[name].factor) * angle.wrap)
     # before its offset, from the file's own ends of a turn
-    offsets = {name: mapping.sources[name].offset for name in ("psi", "ref_psi") if name in raw}
+    offsets = {name: mapping.sources[name].offset for name in (*HEADINGS, *LEANS) if name in raw}
     continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
     raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     changes += wraps
@@ -615,6 +625,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     for name, origin in mapping.integrals.items():
         speed = without_holes(t, raw[origin])
         raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
+    raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
         raw["roll"] = less_half_a_turn(raw["roll"], math.pi)
     if "yaw" in raw:
@@ -637,9 +648,12 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns) -> Columns:
         if len(names) < 2:
             raise InputError("[time] repair needs the angles of at least two wheels.")
         angles = np.column_stack([without_holes(t, raw[name]) for name in names])
-        if not np.isfinite(angles).all():
+        known = np.flatnonzero(np.isfinite(angles).all(axis=1))  # the first and last rows may lack a value
+        if not known.size or len(known) <= np.ptp(known):
             raise InputError("[time] repair needs wheel angles without long holes.")
-        sampled = sampling_times(t, angles)
+        sampled = t.copy()
+        sampled[known] = sampling_times(t[known], angles[known])
+        sampled = np.maximum.accumulate(sampled)
     interpolated = even is not None or mapping.time.repair
     new = new_messages(sampled) if interpolated else np.ones(len(t), dtype=np.bool_)
     columns: Columns = {"t": rows}

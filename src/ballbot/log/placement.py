@@ -60,10 +60,11 @@ from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
+    SCALED,
     TINY,
     advantage_confidence,
     behind,
-    correlations,
+    confidence_in,
     gains_over,
     jackknife_error,
     posterior,
@@ -112,8 +113,6 @@ ROLLING = 0.2
 #: exp(z^2): one alone hardly counts, three decide. Against the truth none of 137 variants of the campaign has more than
 #: one, nor a course robot's log more than a half
 STILL_HEADING, STILL_WEIGHT = 0.02, 0.3
-#: correlation of the wheels' sum and the heading's rate at which their ratio is the wheels' unit
-FOLLOWS = 0.9
 #: logarithm of the odds of the largest confidence
 MOST_ODDS = math.log(MOST / (1.0 - MOST))
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
@@ -156,7 +155,7 @@ class HeadingTest:
     @property
     def turning(self) -> float | None:
         """The gain; None if the wheels do not plainly follow the heading."""
-        return self.gain if abs(self.correlation) > FOLLOWS and self.confidence >= CONFIDENT else None
+        return self.gain if abs(self.correlation) > SCALED and self.confidence >= CONFIDENT else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -359,12 +358,9 @@ def heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
 def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
     """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1)."""
     total = (speeds @ np.asarray(placement.signs, dtype=np.float64))[:, None]
-    correlation = float(correlations(total, rate)[0, 0])
-    seconds = max(len(rate) * INTERVAL, 1.0)
-    # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
-    z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
+    correlation, confidence = (float(each[0, 0]) for each in confidence_in(total, rate))
     gain = abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / _turns(robot)
-    return HeadingTest(correlation=correlation, gain=gain, confidence=advantage_confidence(z))
+    return HeadingTest(correlation=correlation, gain=gain, confidence=confidence)
 
 
 def advantage(better: Floats, other: Floats, weights: Floats) -> float:

@@ -14,16 +14,21 @@ qw qx qy qz of a body, with NaN while the cameras do not see it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Bools, Floats
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
+from ballbot.log.clock import clock_unit
 from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.formats import read_foreign_table
 from ballbot.log.imu_angles import from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
+from ballbot.log.mapping_search.names import marked_series, quaternions, roles_by_name
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
 _HEADING = ("psi", "psi_dot")
@@ -223,6 +228,28 @@ class Poses:
         """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""
         seen, rotations = self.seen, Rotation.from_quat(self.rotations.as_quat()[self.seen])
         return Poses(t=self.t[seen], rotations=rotations, seen=seen[seen], places=self.places[seen])
+
+
+def read_motion_capture(path: Path) -> Log:
+    """Read a log of motion capture, or a program's export: a time, and columns of one body that end in W, X, Y, Z.
+
+    InputError if it is neither, or has several bodies.
+    """
+    table = read_foreign_table(path)
+    if "t" in table.columns:
+        return Log.read(path)
+    columns, roles = table.columns, roles_by_name([*table.columns], wheel_count=0, units=table.units)
+    bodies = quaternions(columns)
+    if not roles.time or len(bodies) != 1:
+        raise InputError(
+            f"{path} has no t, qw, qx, qy, qz and x, y, z, and is no export of one body: it has "
+            f"{'a' if roles.time else 'no'} time and {counted(len(bodies), 'unit quaternion')} in {', '.join(columns)}."
+        )
+    with about(path):
+        unit = clock_unit(columns[roles.time], roles.time, roles.unit((roles.time,)))
+    places = next((one for one in marked_series(columns, "xyz") if not {*one} & {*bodies[0]}), ())
+    named = zip(QUATERNION_NAMES + PLACE_NAMES, bodies[0] + places, strict=False)
+    return Log({"t": unit.factor * columns[roles.time], **{name: columns[column] for name, column in named}})
 
 
 def read_poses(mocap: Log) -> Poses:

@@ -13,11 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.file_formats import format_line
-from ballbot.findings import Finding, by_severity, note, warning
+from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.log.checks import check
 from ballbot.log.checks.table import judged
+from ballbot.log.checks.values import check_copies, is_constant
+from ballbot.log.clock import clock_unit, continuous_clock
 from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
@@ -33,17 +35,30 @@ from ballbot.log.mapping_search.commands import (
     needs_of,
     turned_by,
 )
-from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
-from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
-from ballbot.log.placement import LeanTest, SensorFrame, frame_of
+from ballbot.log.mapping_search.motion import (
+    Columned,
+    SensedMotion,
+    Signals,
+    Stated,
+    Tilts,
+    motion_of_file,
+)
+from ballbot.log.mapping_search.names import ATTITUDE_LOOKS, InputKind, Roles, roles_of, unread_columns
+from ballbot.log.placement import EDGE, LEAST_TIME, LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
-from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
+from ballbot.log.row_order import (
+    LONGEST_PAUSE,
+    increasing_rows,
+    longest_run,
+    rows_with_times,
+    without_dropouts,
+)
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
-from ballbot.log.wrapping import continuous_clock
+from ballbot.log.units import Unit, lean_units
 from ballbot.printable import printable_line
 from ballbot.robot import Drive, Robot
 from ballbot.schema import toml_line
+from ballbot.summary import counted
 
 #: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
 #: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9. Also the directions by which a
@@ -61,6 +76,9 @@ LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction outside the law explains in a weak motion (2.8 on a
 #: real log), and one that is reported: masses and torque constants of robot files are this uncertain
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
+#: least share of the rows in the run that is used: a robot that is started again makes a few runs, a clock that is
+#: misread some in every second
+LEAST_KEPT = 0.2
 #: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
 #: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares
@@ -126,6 +144,12 @@ class Proposal:
     def tested(self) -> LeanTest | None:
         return self.motion.tested if self.motion else None
 
+    @property
+    def faulty(self) -> str:
+        """The first error for which no mapping makes a log; empty without one."""
+        errors = (item for item in self.findings if item.severity == "error")
+        return next((item.text for item in errors if item.code not in OF_THE_RECORDING), "")
+
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
     """Read a foreign log, a table of any format that Ballbot reads, and propose how it becomes one of Ballbot's.
@@ -136,9 +160,18 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
-        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
+        base = replace(
+            base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None, turn=None)
+        )
         motion = motion_of_file(base)
     what = _what(base.roles, motion)
+    looks = unread_columns(base.cut, roles)
+    if looks:
+        alike = [
+            (look, [name for name in looks if looks[name] == look]) for look in dict.fromkeys(looks.values())
+        ]
+        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in alike)
+        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *looks))
     if motion is None:
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
@@ -159,29 +192,53 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
+    inclined = () if roles.attitude else tuple(name for name, look in looks.items() if look in ATTITUDE_LOOKS)
+    if len(inclined) > 1:
+        evidence = f"they look like {looks[inclined[0]]}; name them by --columns if they are the lean"
+        asked = Question(
+            _LEAN_KEY, "what the log is", (f"with the lean in {', '.join(inclined)}", what), evidence
+        )
+        questions = (asked, *questions)
     return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
     """Return the rows of a file that are used, and findings on those that are left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
+    with about(path):
+        timed = rows_with_times(table.columns, roles.time, [])[roles.time]
+        time = clock_unit(timed, roles.time, roles.unit((roles.time,)))
     clock, _ = continuous_clock(table.columns[roles.time])
-    time = time_unit(clock, roles.unit((roles.time,)))
-    if time is None:
-        raise InputError(
-            f"{path}: {roles.time} is no time in s, ms, us or ns by its intervals (median "
-            f"{float(np.median(np.diff(clock))):.6g}); write a mapping file with its scale, "
-            f'[columns] t = {{ from = "{roles.time}", scale = .. }} in seconds.'
-        )
     first, last = longest_run(time.factor * clock)
     sentences, layout = list(table.notes), table.layout
     cut = {name: values[first:last] for name, values in table.columns.items()}
     cut = rows_with_times(cut, roles.time, sentences)
     notes = [note("file", sentence) for sentence in sentences]
+    # a speed by counts of an encoder is 0 again and again
+    cut, lost = without_dropouts(
+        cut, (*roles.attitude, *roles.gyro, *(() if roles.of_speeds else roles.angles))
+    )
+    notes += lost
+    if len(roles.attitude) == 3 and not roles.quaternion and is_constant(yaw := cut[roles.attitude[2]]):
+        text = (
+            f"{roles.attitude[2]} is {np.nanmin(yaw):g} throughout, which shows no heading: it is not used."
+        )
+        notes.append(warning("constant", text, roles.attitude[2]))
+        roles = replace(roles, attitude=roles.attitude[:2])
     ordered = increasing_rows(cut[roles.time])
     if not ordered.all():
         cut = {name: values[ordered] for name, values in cut.items()}
         layout = replace(layout, unordered_rows="drop")
+    if len(cut[roles.time]) < LEAST_KEPT * len(timed):
+        steps = time.factor * np.diff(clock)
+        breaks = np.flatnonzero((steps < 0.0) | (steps > LONGEST_PAUSE))
+        row = int(breaks[0]) + 1 if breaks.size else 1
+        raise InputError(
+            f"{path}: time goes back or pauses {counted(breaks.size, 'time')}, first from {clock[row - 1]:.10g} to "
+            f"{clock[row]:.10g} in {roles.time} at row {row + 1}, so that of {len(timed)} rows at most "
+            f"{len(cut[roles.time])} are one run. Log one clock, with all digits and leading zeros of a fraction, or "
+            "give one run in a file."
+        )
     if (first, last) != (0, len(clock)):
         notes.append(warning("time", f"The longest run is rows {first + 1} to {last}; others are left out."))
         layout = replace(layout, rows=(first + 1, last))
@@ -221,7 +278,7 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
             shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _tilt_questions(proposal, motion.tilts)
-    yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
+    yield from _frame_questions(proposal, motion.signals) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
         yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
@@ -242,10 +299,13 @@ def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
     yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
-def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
+def _frame_questions(proposal: Proposal, signals: Signals) -> Iterator[Question]:
+    tested, frame = proposal.tested, proposal.frame
     order = "[wheels] order", "order and signs of the wheels"
     if tested is None:
-        yield Question(*order, ("as in the file",), "the robot hardly moves")
+        seconds = float(signals.usable.sum()) * INTERVAL
+        evidence = f"the robot balances and moves for {seconds:.1f} s, and {LEAST_TIME + 2.0 * EDGE:.1f} s are needed"
+        yield Question(*order, ("as in the file",), evidence)
         return
     best, other = tested.placements[:2]
     if tested.confidence < CONFIDENT:
@@ -278,7 +338,10 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
         yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield Question("[input] scale", name, drive.scales, "the motion fits both")
+        known = zip(drive.scales, drive.misfits, strict=True)
+        listed = ", ".join(f"{scale}: {times:.3g}" for scale, times in known if math.isfinite(times))
+        shown = f"times the torques that the motion needs, {listed}" if listed else "too little motion"
+        yield Question("[input] scale", name, drive.scales, shown)
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
         yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
@@ -288,6 +351,10 @@ def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterat
     values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
+        # magnitudes are small most often, and commands about an offset reach neither end
+        low, high = np.nanquantile(values, [0.0, 1.0])
+        if np.mean(values < low + 0.1 * (high - low)) > 3.0 * np.mean(values > high - 0.1 * (high - low)):
+            words = words[1], "zero = .., the number that stands for no command"
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         yield Question("[input] zero", "sign of the commands", words, evidence)
     elif assigned is None or assigned.confidence < CONFIDENT:
@@ -302,6 +369,8 @@ def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterat
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield findings that the mapping does not correct."""
     roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
+    if proposal.what != "free wheels":
+        yield from _sensor_faults(proposal, motion)
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
     if holes:
@@ -309,6 +378,13 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     if motion.largest_speed is not None or motion.wrap is not None:
         sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
         yield warning("reset", sentence, *roles.angles)
+    if (frozen := proposal.base.frozen).any():
+        t = proposal.base.t
+        seconds, first = float(np.median(np.diff(t))) * float(frozen.sum()), float(t[np.argmax(frozen)])
+        sentence = (
+            f"The lean repeats one value for {seconds:.2g} s, first at t = {first:.6g} s: it froze; left out."
+        )
+        yield warning("stuck", sentence, *roles.attitude[:2], time=first)
     if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."
         yield warning("columns", sentence, *roles.gyro)
@@ -324,6 +400,26 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
             yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
     if proposal.drive is not None:
         yield from _torque_finding(proposal.drive, proposal.robot.drive, roles.commands)
+
+
+def _sensor_faults(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
+    """Yield the errors of a balancing robot's columns that no sensor gives."""
+    roles, cut, tested = proposal.roles, proposal.base.cut, motion.tested
+    for group in (roles.angles, () if roles.quaternion else roles.attitude[:2], roles.gyro, roles.commands):
+        yield from check_copies(cut, group)
+    for name in (*roles.angles, *roles.attitude[:2]):
+        if is_constant(cut[name]):
+            text = f"{name} is {np.nanmin(cut[name]):g} throughout, as if its sensor or cable were dead."
+            yield error("constant", text, name)
+    if (tested is None or tested.confidence < CONFIDENT) and not roles.of_speeds:
+        sums = dict(zip(roles.angles, np.cumsum(proposal.base.stacked(roles.angles), axis=0).T, strict=True))
+        summed = motion_of_file(replace(proposal.base, cut={**cut, **sums})).tested
+        if summed and summed.confidence >= CONFIDENT:
+            text = (
+                f"{', '.join(roles.angles)} do not turn as the robot moves, but their running sums do: they are "
+                "changes from row to row. Write their sums into the file, or log the counts themselves."
+            )
+            yield error("columns", text, *roles.angles)
 
 
 def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -> Iterator[Finding]:
@@ -445,6 +541,8 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
 
 def _refusal(proposal: Proposal) -> str:
     """Return why a proposal makes no log of the robot; empty if it makes one."""
+    if proposal.faulty:
+        return proposal.faulty
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -467,7 +565,8 @@ def _refusal(proposal: Proposal) -> str:
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
-#: key of the question for an unstated dead band
+#: keys of the questions for columns that may be the lean, and for an unstated dead band
+_LEAN_KEY = "[attitude] from"
 _BAND_KEY = "[input] dead_band"
 
 
@@ -481,6 +580,8 @@ def mapping_text(proposal: Proposal) -> str:
     if proposal.questions:
         reason = "answer the lines with cannot determine, then remove this line"
         lines.append(toml_line("complete", False, reason))
+    elif proposal.faulty:
+        lines.append(toml_line("complete", False, "columns are faulty: `ballbot check-log` names them"))
     asked = {question.key: question.text for question in proposal.questions}
     tables = {
         **_recording_lines(proposal),
@@ -531,7 +632,8 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
     gyro = proposal.motion.gyro if proposal.motion else None
     if lean is None:
-        return []
+        asked = [question for question in proposal.questions if question.key == _LEAN_KEY]
+        return ["# from = [..]  # roll and pitch, and a yaw; or a quaternion w, x, y, z"] * len(asked)
     units = proposal.base.angle_units(lean.name)
     unit = units[0] if len(set(units)) == 1 else units
     lines = [_line("from", roles.attitude), _line("unit", unit, lean.reason)]
@@ -634,8 +736,11 @@ def _kind_lines(
 def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
-    log_is = f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s"
-    lines = [f"{log_is}; usable for {_USES[proposal.what]}{without}."]
+    name, seconds = proposal.base.path.name, f"{np.ptp(proposal.base.t):.0f} s"
+    use = "not usable" if proposal.faulty else f"usable for {_USES[proposal.what]}{without}"
+    lines = [f"{name}: {proposal.what}, {seconds}; {use}."]
+    if any(question.key == _LEAN_KEY for question in proposal.questions):
+        lines = [f"{name}: {seconds}; columns that may be the lean are not read."]
     shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]

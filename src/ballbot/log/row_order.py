@@ -6,15 +6,17 @@ of these rows the longest series in which time increases is kept.
 """
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, format_duration
 from ballbot.errors import InputError
+from ballbot.findings import Finding, warning
+from ballbot.log.clock import continuous_clock, without_bursts
 from ballbot.log.columns import Columns
-from ballbot.log.wrapping import continuous_clock
+from ballbot.log.signals import dropouts
 from ballbot.summary import counted
 
 #: longest log and shortest interval between rows [s]
@@ -80,7 +82,7 @@ def increasing_rows(t: Floats) -> Bools:
 
 
 def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) -> Columns:
-    """Return a table without the rows that lack a time or repeat the row before, its clock continued.
+    """Return a table without the rows that lack a time or repeat the row before, its clock continued and even.
 
     Sentences on what is left out or changed are added to `notes`.
     """
@@ -103,7 +105,27 @@ def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) ->
             f"{time} begins again {counted(resets.size, 'time')}, first at row {resets[0] + 1}, as a counter that "
             "overflows or a time of day at midnight: it is continued there."
         )
+    rest[time], burst = without_bursts(rest, time)
+    if burst:
+        notes.append(
+            f"By {time} rows arrive about {burst} at once, as a host stamps them: their mean interval is taken instead."
+        )
     return rest
+
+
+def without_dropouts(table: Mapping[str, Floats], sensors: Iterable[str]) -> tuple[Columns, list[Finding]]:
+    """Return a table with NaN for failed readings of sensors (`signals.dropouts`), and a finding on each."""
+    cleared, findings = {**table}, list[Finding]()
+    for name in sensors:
+        lost = dropouts(table[name]) if name in table else np.zeros(0, dtype=np.bool_)
+        if lost.any():
+            rows, cleared[name] = np.flatnonzero(lost), np.where(lost, np.nan, table[name])
+            text = (
+                f"{name} jumps to {table[name][rows[0]]:g} and back in {counted(rows.size, 'row')}, first at row "
+                f"{rows[0] + 1}: a failed reading. These values count as missing."
+            )
+            findings.append(warning("missing", text, name))
+    return cleared, findings
 
 
 def check_time(t: Floats) -> None:

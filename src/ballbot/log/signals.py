@@ -164,6 +164,38 @@ def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
     return continued
 
 
+#: a value to which a signal jumps and from which it comes back so many times is one of a failed reading, if the jumps
+#: are so many times its other steps, of which so many must be known
+DROPOUTS, DROPPED, LEAST_STEPS = 3, 5.0, 50
+
+
+def dropouts(values: Floats) -> Bools:
+    """Return the rows of a signal (N,) with one value, such as 0, to which it jumps again and again, and comes back."""
+    lost = np.zeros(len(values), dtype=np.bool_)
+    rows = np.flatnonzero(np.isfinite(values))
+    if rows.size <= LEAST_STEPS:
+        return lost
+    starts, lengths = runs_of(values[rows])
+    x = values[rows][starts]
+    if len(x) < 3:
+        return lost
+    change = np.diff(np.pad(x, 1, mode="reflect"))  # an end has its neighbour on both sides
+    turns = np.flatnonzero(np.sign(change[1:]) * np.sign(change[:-1]) < 0.0)
+    found, times = np.unique(x[turns], return_counts=True)
+    there = x == found[np.argmax(times)]
+    rest = np.abs(np.diff(x[~there]))
+    if len(rest) < LEAST_STEPS or not rest.any():
+        return lost
+    beside = np.lib.stride_tricks.sliding_window_view(np.pad(rest, 2), 3).max(axis=1)
+    turns = turns[there[turns]]
+    near = beside[np.cumsum(~there)[turns]]
+    jump = np.minimum(np.abs(change[turns]), np.abs(change[turns + 1]))
+    if np.count_nonzero(jump > DROPPED * np.maximum(near, np.median(rest[rest > 0.0]))) >= DROPOUTS:
+        inside = (turns > 0) & (turns < len(x) - 1)
+        lost[rows] = np.repeat(np.isin(np.arange(len(x)), turns[inside | (jump > near)]), lengths)
+    return lost
+
+
 def encoder_step(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
     steps_of_wheels = []
@@ -337,3 +369,16 @@ def longest_repeat(values: Floats) -> tuple[int, int]:
     starts, lengths = runs_of(values)
     longest = int(np.argmax(lengths))
     return int(starts[longest]), int(starts[longest] + lengths[longest]) - 1
+
+
+#: a live column changes at this fraction of the rows; one that then repeats a value for so long froze [s]: longer than
+#: messages are late
+LIVE_FRACTION, FROZEN_TIME = 0.9, 0.4
+
+
+def frozen_rows(t: Floats, values: Floats) -> Bools:
+    """Return which rows of a live signal (N,), at times (N,) [s], repeat a value for longer than messages are late."""
+    starts, lengths = runs_of(values)
+    frozen = t[starts + lengths - 1] - t[starts] >= FROZEN_TIME
+    live = len(starts) - frozen.sum() >= LIVE_FRACTION * (len(t) - lengths[frozen].sum())
+    return np.repeat(frozen & live, lengths)

@@ -1,15 +1,16 @@
-"""Unwrap headings and clocks when a log is read.
+"""Unwrap headings and lean angles when a log is read.
 
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.findings import Finding, note
+from ballbot.log.imu_angles import within_half_a_turn
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
@@ -47,12 +48,22 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
     return heading + np.cumsum(added), rows[jumps]
 
 
+HEADINGS, LEANS = ("psi", "ref_psi"), ("theta", "phi")
+
+
 def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
-    """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
+    """Return the headings and lean angles (N,) that are kept within one turn, continued, and a finding on each."""
     continued: dict[str, Floats] = {}
     findings = []
     first = np.nan
-    for name in ("psi", "ref_psi"):
+    for name in LEANS:
+        lean = columns.get(name, np.zeros(0))
+        known = lean[np.isfinite(lean)]
+        if known.min(initial=0.0) >= 0.0 and (np.abs(np.diff(known)) > LARGEST_TURN).any():
+            continued[name] = within_half_a_turn(lean, np.pi)
+            text = f"{name} is from 0 to a full turn; it is read from -pi to pi."
+            findings.append(note("wrap", text, name))
+    for name in HEADINGS:
         if name not in columns:
             continue
         heading, rows = continuous_heading(columns[name], after=first)
@@ -70,24 +81,21 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
     return continued, findings
 
 
-#: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
-#: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
-_PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
-#: most usual intervals across a restart
-_MEANWHILE = 5.0
+#: after so many an angle in turns, radians or degrees begins again, and an encoder or counter
+TURNS, COUNTERS = (1.0, 2.0 * np.pi, 360.0), tuple(2.0**bits for bits in range(8, 33))
+#: largest ordinary step, as a share of the period: a jump differs from the period by no more than such a step; and the
+#: excess of range and jumps over the period by noise and rounding
+_LARGEST_STEP, _BEYOND = 0.25, 0.01
 
 
-def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
-
-    A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
-    """
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    continued, rows = t, []
-    for row in np.flatnonzero(steps < 0.0):
-        for period in _PERIODS:
-            if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
-                continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
-                rows.append(row + 1)
-    return continued, np.array(rows, dtype=np.intp)
+def wrap_period(angles: Floats, periods: Iterable[float]) -> float | None:
+    """Return the period within which angles (N,) or (N, n) are kept, and at whose ends they jump; None if none fits."""
+    travel, steps = float(np.ptp(angles, axis=0).max()), np.abs(np.diff(angles, axis=0))
+    for period in periods:
+        jumps = steps > 0.5 * period
+        usual = float(steps[~jumps].max(initial=0.0))
+        # only with the right period does a jump differ from it by an ordinary step
+        kept = 0.5 * period < travel <= (1.0 + _BEYOND) * period and usual <= _LARGEST_STEP * period
+        if kept and jumps.any() and np.abs(steps[jumps] - period).max() <= 2.0 * usual + _BEYOND * period:
+            return period
+    return None

@@ -237,6 +237,12 @@ class Result:
         ):
             object.__setattr__(self, name, given)
 
+    @property
+    def accepted_errors(self) -> list[str]:
+        """The sentences of the errors of the inputs that the user accepted, so that results follow in spite of them."""
+        errors = (finding for finding in self.findings or () if finding.severity == "error" and self.accepted)
+        return list(dict.fromkeys(f"{finding.text} [{finding.code}]" for finding in errors))
+
     def summary(self) -> Summary:
         """Return the verdict, the first section's first table, and what is undecided, on one screen."""
         sheets = [block for first in self.sections[:1] for block in first.blocks if isinstance(block, Sheet)]

@@ -29,12 +29,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
-from ballbot.arrays import Bools, Floats
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
+from ballbot.identification.motion_capture import (
+    LARGEST_LEAN,
+    POSITIONS,
+    SeenRows,
+    frame_findings,
+    poses_on_rows,
+    stretches,
+)
 from ballbot.identification.turning import (
     ANGLE_NAMES,
     SPAN,
@@ -56,7 +63,6 @@ from ballbot.rounding import digits, percent, plus_minus
 #: share of the turning that log and cameras must have in common to be of the same run
 _LEAST_SHARE = 0.5
 PREFIX = "mocap_"
-POSITIONS = ("x", "y")
 #: fewest common rows for a frame and errors
 _LEAST_ROWS = 60
 #: heading and origin are estimated over the first so many seconds
@@ -133,6 +139,7 @@ class Alignment:
     frame: CameraFrame | None  #: None for a log without angles
     path: PathFit | None  #: None without positions
     sensors: SensorErrors | None
+    doubts: tuple[Finding, ...] = ()  #: errors of the cameras' unit and frame
 
 
 def align(log: Log, mocap: Log) -> Alignment:
@@ -145,7 +152,8 @@ def align(log: Log, mocap: Log) -> Alignment:
     """
     turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
     motion, rival = match_turning(turning, poses_turning(poses), least_share=_LEAST_SHARE)
-    seen = _on_rows(log, poses, motion)
+    seen = poses_on_rows(log, poses, motion)
+    doubts = frame_findings(log, seen, motion)
     frame = path = sensors = None
     if all(name in log for name in ANGLE_NAMES):
         log, frame, path = _with_poses(log, seen, motion)
@@ -153,6 +161,7 @@ def align(log: Log, mocap: Log) -> Alignment:
     return Alignment(
         log=log, motion=motion, rival_clock=rival, clock_signal="gyro" if has_gyro(log) else "angles",
         unseen=1.0 - len(seen[0]) / len(log), frame=frame, path=path, sensors=sensors,
+        doubts=tuple(doubts),
     )  # fmt: skip
 
 
@@ -182,31 +191,7 @@ def _in_one_frame(poses: Poses) -> Poses:
     return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
 
 
-#: poses of the cameras on k rows of the log: the rows, the orientations, and where the tracked point was (k, 3) [m] in
-#: the cameras' frame, NaN if not seen
-_Seen = tuple[NDArray[np.intp], Rotation, Floats]
-
-
-def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
-    """Return the poses, interpolated on the log's rows that lie between two close poses."""
-    t, longest = motion.clock.to_cameras(log.t), longest_bridge(poses.t)
-    rows = np.flatnonzero(_bracketed(t, poses.t, longest))
-    t, known = t[rows], np.isfinite(poses.places).all(axis=1)
-    points = np.full((len(t), 3), np.nan)
-    if known.sum() > 1:
-        near = _bracketed(t, poses.t[known], longest)
-        columns = [np.interp(t, poses.t[known], column) for column in poses.places[known].T]
-        points = np.where(near[:, None], np.column_stack(columns), np.nan)
-    return rows, Slerp(poses.t, poses.rotations)(t), points
-
-
-def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
-    """Return which times (N,) lie between two times of poses that are at most `longest` apart."""
-    after = np.clip(np.searchsorted(seen, t), 1, len(seen) - 1)
-    return (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= longest)
-
-
-def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
+def _with_poses(log: Log, seen: SeenRows, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
     """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], the frame and the path's fit."""
     (rows, camera_marker, points), (world_body, known) = seen, log_rotations(log)
     kept, t = known[rows], log.t[rows]
@@ -259,10 +244,6 @@ def _camera_world(t: Floats, each: Rotation) -> Rotation:
     return leveled.inv() * Rotation.from_rotvec([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))])
 
 
-#: arm and scale of the path are fitted to pieces this long, over which a robot's rocking averages out [s]
-_STRETCH = 5.0
-#: starting at one row in so many
-_EVERY = 5
 #: smallest lever arm that is subtracted [m]: the position computed from the wheels has small errors as the robot rocks
 #: (play, creep) that look like an arm, of 3 and 5 cm on two logs whose cameras track the ball's centre itself
 LEAST_LEVER = 0.1
@@ -278,11 +259,8 @@ def _path_fit(
     the log's x and y (k, 2) [m], and the cameras' heading less the log's (k,) [rad].
     """
     known = np.asarray(np.isfinite(np.hstack([points, positions])).all(axis=1))
-    ends = np.searchsorted(t, t + _STRETCH)
-    starts = np.flatnonzero(ends < len(t))[::_EVERY]
-    ends = ends[starts]
-    # without a long gap
-    kept = known[starts] & known[ends] & (t[ends] - t[starts] < 1.2 * _STRETCH)
+    starts, ends = stretches(t)
+    kept = known[starts] & known[ends]
     starts, ends = starts[kept], ends[kept]
     if len(starts) < _LEAST_ROWS:
         return None
@@ -304,8 +282,6 @@ def _path_fit(
     )  # fmt: skip
 
 
-#: beyond this lean a robot falls or is held by hand [rad]
-_LARGEST_LEAN = 0.35
 #: rates are differences over this time to either side [s]
 _SLOPE = 0.04
 
@@ -313,7 +289,7 @@ _SLOPE = 0.04
 def _sensor_errors(log: Log) -> SensorErrors | None:
     """Return the errors of a log with the columns of the cameras, or None if they have too few common rows."""
     names = [name for name in (*ANGLE_NAMES, *POSITIONS) if name in log and f"{PREFIX}{name}" in log]
-    standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < _LARGEST_LEAN
+    standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < LARGEST_LEAN
     errors = {name: np.where(standing, log[name] - log[f"{PREFIX}{name}"], np.nan) for name in names}
     compared = log.t[np.isfinite(errors["psi"])]
     if len(compared) < _LEAST_ROWS:
@@ -399,7 +375,7 @@ def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
         )
     else:
         sentences += [_heading(alignment.sensors), *_of_angles(alignment.sensors, alignment.clock_signal)]
-    if alignment.path is not None:
+    if alignment.path is not None and not alignment.doubts:
         sentences += _of_path(alignment.path)
     if alignment.unseen >= _UNSEEN:
         sentences.append(

@@ -2,13 +2,9 @@
 
 A series consists of segments, which must not be joined across their gaps.
 
-Correlation (the matrix of Figure 4.3). Two autocorrelated series have larger accidental correlations than white ones.
-For independent series (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
-
-    var r = (1 + 2 sum_k rho_1(k) rho_2(k)) / n
-
-so the effective sample size of a cell is n over that sum, at most n, and r is tested by Student's t. Holm's correction
-over all cells keeps the probability of any false mark at 5 %.
+Correlation (the matrix of Figure 4.3). Each r is tested by Student's t with its effective sample size
+(`ballbot.log.evidence.effective_counts`). Holm's correction over all cells keeps the probability of any false mark at
+5 %.
 
 Spectrum. Hann windows that overlap by half, as P. Welch's (IEEE Transactions on Audio and Electroacoustics 15 (1967)
 70-73); the logarithms of their periodograms are averaged, so that windows with more motion have no more weight in the
@@ -19,7 +15,7 @@ does in one of a hundred logs, over all bins and states. The surroundings are th
 on a slope one of them exceeds the bins between.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,28 +24,7 @@ from scipy import special
 from scipy.signal import spectrogram
 
 from ballbot.arrays import Bools, Floats, Ints
-
-
-def slices(lengths: Sequence[int]) -> Iterator[slice]:
-    """Yield the slice of each segment, given their lengths."""
-    end = 0
-    for length in lengths:
-        yield slice(end, end + length)
-        end += length
-
-
-def autocovariance(values: Floats, segments: Sequence[int], *, lags: int) -> Floats:
-    """Return the autocovariances (lags + 1, k) of columns (n, k) about their means, divided by n at every lag."""
-    deviation = values - values.mean(axis=0)
-    total = np.zeros((lags + 1, values.shape[1]))
-    for where in slices(segments):
-        part = deviation[where]
-        size = 1 << int(2 * len(part) - 1).bit_length()
-        spectrum = np.fft.rfft(part, size, axis=0)
-        products = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)
-        reach = min(lags + 1, len(part))
-        total[:reach] += products[:reach]
-    return total / len(values)
+from ballbot.log.evidence import chance_of, effective_counts, slices
 
 
 def lagged(values: Floats, segments: Sequence[int], *, lag: int) -> Floats:
@@ -89,8 +64,6 @@ def holm(p_values: Floats, *, level: float) -> Bools:
 
 #: probability of any false mark in a matrix without correlation
 CORRELATION_LEVEL = 0.05
-#: autocorrelations are summed up to lags of this share of the series
-_REACH = 0.2
 #: a cell with a smaller effective sample size is not tested
 _LEAST_COUNT = 10.0
 
@@ -117,14 +90,10 @@ def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[in
     scaled = deviation / np.where(size > 0.0, size, 1.0)
     matrix = scaled.T @ scaled
     np.fill_diagonal(matrix, 1.0)
-    lags = int(min(max(segments) - 1, _REACH * len(columns)))
-    covariances = autocovariance(columns, segments, lags=lags)
-    memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
-    counts = len(columns) / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
+    counts = effective_counts(columns, segments)
     pairs = np.triu_indices(len(matrix), 1)
-    r, count = matrix[pairs], counts[pairs]
-    t = r * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - r**2, 1e-15))
-    p = 2.0 * special.stdtr(np.maximum(count - 2.0, 1.0), -np.abs(t))
+    count = counts[pairs]
+    p = 2.0 * chance_of(matrix[pairs], count)
     p[count < _LEAST_COUNT] = np.nan
     significant = np.zeros(matrix.shape, dtype=np.bool_)
     significant[pairs] = holm(p, level=CORRELATION_LEVEL)

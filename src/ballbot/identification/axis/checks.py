@@ -10,6 +10,7 @@ import numpy as np
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.motion import (
+    CLEAR,
     AxisMotion,
     InverseModel,
     inverse_model,
@@ -17,14 +18,16 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import GAP, AxisRecord
+from ballbot.log.clock import units_of_clock
+from ballbot.log.columns import FACTORS
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
-ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
+ERROR_CODES = (
+    "excitation", "force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck", "unit"
+)  # fmt: skip
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: [s]; a longer one is rather another unit of time
-_SLOWEST_SAMPLING = 0.2
 #: the speed is at its limit above this share of the 99 % quantile, if a larger share of the rows is; there the
 #: unexplained force varies by this share of the force, and by so many times its variation elsewhere
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
@@ -50,11 +53,10 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find a long sample time, gaps, and single positions outside the range by twice its width."""
     h, position, unit = record.sample_time, record.position, record.unit
-    if h > _SLOWEST_SAMPLING:
-        text = (
-            f"Rows come every {h:.3g} s, too slowly for an axis; check the unit of t: --time-scale 0.001 if it is in "
-            "milliseconds, 1e-6 in microseconds."
-        )
+    unit_of_t = next(iter(units_of_clock(record.t)), "s")
+    if unit_of_t != "s":
+        factor = FACTORS["s"][unit_of_t]
+        text = f"Rows come every {h:.3g} s: t looks like {unit_of_t}. If so, give --time-scale {factor:g}."
         yield error("scale", text, "t")
     gaps = len(record.parts) - 1
     if gaps:
@@ -124,6 +126,8 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
 def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:
     """Find a force that does not move the axis."""
     mass, explained = inverse.values["mass"], 100.0 * max(inverse.explained, 0.0)
+    # the power of a force that moves an axis against friction is positive
+    driven = float(np.mean(record.force[1:] * np.diff(record.position))) > 0.0
     size, share_up = np.abs(record.force), float(np.mean(np.diff(record.position) > 0.0))
     one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
     if one_sign and 0.2 < share_up < 0.8 and np.quantile(size, 0.01) < 0.05 * size.max():
@@ -138,13 +142,19 @@ def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:
             "reference of the position, noise or from another run, or something else moves the axis."
         )
         yield error("force-unrelated", text, "force", "position")
-    elif mass <= 0.0:
+    elif mass <= 0.0 and not driven:
         text = (
-            f"The inverse model estimates a mass of {mass:.3g}, which must be above zero: the force, or the position, "
-            "has the opposite sign, or the force is delayed against the position, its column is wrong, or the axis "
-            "hardly accelerates."
+            f"The inverse model estimates a mass of {mass:.3g}, which must be above zero, and the force brakes the "
+            "axis: the force, or the position, has the opposite sign."
         )
         yield error("force-sign", text, "force", "position")
+    elif mass <= CLEAR * inverse.errors["mass"]:
+        text = (
+            f"The record does not show the mass: a plain regression of the force gives {inverse.text(record.unit)}, "
+            f"and explains {explained:.0f} %. The axis hardly accelerates, the force is delayed, or it is the friction "
+            "alone, without the inertia's part. Record all of the force that drives the axis, while it accelerates."
+        )
+        yield error("excitation", text, "force", "position")
     elif inverse.explained < _WELL_EXPLAINED:
         text = (
             f"The motion of the axis explains {explained:.0f} % of the force; something else moves it as well, or the "

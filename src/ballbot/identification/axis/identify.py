@@ -31,8 +31,9 @@ from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
 from ballbot.identification.axis.motion import (
+    CLEAR,
     AxisMotion,
     inverse_model,
     motion_of,
@@ -50,8 +51,6 @@ _LEAST_WINDOWS = 9
 #: number of blocks of time, which are held out and drawn together, and of folds
 _BLOCKS = 12
 _FOLDS = 3
-#: an effect is clear beyond so many standard errors: by chance in one case of 1,000
-CLEAR = 3.3
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -200,6 +199,13 @@ class AxisEstimate:
         }
 
 
+def residual_force(motion: AxisMotion, model: AxisModel, values: Values) -> Floats:
+    """Return what a model leaves of the force (n,) [N] in the moving rows, filtered as the regression's columns."""
+    axis, force = model.axis(values), motion.force(interpolated=model.interpolated)
+    left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
+    return motion.lowpassed(left - axis.friction(motion.speed))[motion.moving]
+
+
 def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
@@ -233,6 +239,9 @@ USEFUL_GAIN = 0.02
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: largest Stribeck speed over the fastest speed; above it, the law fits another curve than a fading break-away force
 _FADES = 0.5
+#: share of the squared force that a regression explains and a fit leaves if the two contradict each other; 0.002 at
+#: most of the machines of campaigns/one_axis.py
+_CONTRADICTED = 0.05
 #: least share of the residual force's variance that a reported dependence explains, and its largest p-value
 _LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
@@ -340,6 +349,9 @@ def identify_axis(
         errors = {motion.record.name: own.on(motion, duration) for motion in (*motions, *others)}
         fits[name] = replace(own, errors=errors, gain=own.gain_over(simpler) if simpler else None)
     chosen = law or _selected(fits)
+    # a law that is selected must not leave what dry friction would explain
+    _check_force(fits[chosen], law or "coulomb")
+    _check_range(fits[chosen])
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
@@ -392,7 +404,7 @@ def _with_forces(
     if start.get("mass", 1.0) <= 0.0:
         raise InputError(
             f"{motions[0].record.name}: the inverse model estimates a mass of {start['mass']:.3g}, which must be above "
-            "zero. The sign of the force or its column is wrong, or the force is delayed."
+            "zero. The sign of the force or its column is wrong, the force is delayed, or the axis hardly accelerates."
         )
     start = {
         name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
@@ -444,8 +456,48 @@ def _selected(fits: Mapping[str, AxisEstimate]) -> str:
     determined = all(errors[name] < values[name] for name in ("stribeck", "stribeck_speed"))
     if _useful(stribeck.gain) and determined and values["stribeck_speed"] < _FADES * fastest:
         return "stribeck"
-    # noise of the position may dominate the error, and hide friction that is known to a few percent
-    return "coulomb" if _useful(coulomb.gain) or coulomb.is_clear("coulomb") else "viscous"
+    # noise of the position, or of a force from elsewhere, may hide friction that is known to a few per cent
+    dry = _useful(coulomb.gain) or coulomb.is_clear("coulomb") or _regression_has_dry_friction(coulomb)
+    return "coulomb" if dry else "viscous"
+
+
+def _regression_has_dry_friction(coulomb: AxisEstimate) -> bool:
+    """Return whether a plain regression of the force has Coulomb friction, clearly and to some use."""
+    without = inverse_model(coulomb.motions, replace(coulomb.model, law="viscous"))
+    regression = inverse_model(coulomb.motions, coulomb.model)
+    c, error = regression.values["coulomb"], regression.errors["coulomb"]
+    return c > CLEAR * error and 1.0 - regression.explained < (1.0 - USEFUL_GAIN) * (1.0 - without.explained)
+
+
+def _check_force(fit: AxisEstimate, law: str) -> None:
+    """Raise InputError if the plain regression of a law explains clearly more of the force than the fit does.
+
+    The fit takes the recorded force for all that drives the axis. Another one moves the simulated positions away from
+    the recorded ones, the less the larger the mass, so that the mass becomes far too large.
+    """
+    inverse, record = inverse_model(fit.motions, replace(fit.model, law=law)), fit.motions[0].record
+    left = [residual_force(motion, fit.model, fit.values) for motion in fit.motions]
+    own = 1.0 - float(np.sum(np.concatenate(left) ** 2)) / inverse.squares
+    if inverse.explained - own > _CONTRADICTED:
+        raise InputError(
+            f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
+            f"the force, and a plain regression of the force on acceleration and speed {100.0 * inverse.explained:.0f} "
+            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the force is late, or "
+            "it is the friction alone. Record all of the force that drives the axis."
+        )
+
+
+def _check_range(fit: AxisEstimate) -> None:
+    """Raise InputError if an estimate of either sign is at the end of its range: offset, gravity or delay."""
+    record = fit.motions[0].record
+    for name, at_end in zip(fit.model.names, fit.fit.at_bound.tolist(), strict=True):
+        kind = PARAMETERS[name]
+        if at_end and kind.scale == "signed":
+            raise InputError(
+                f"{record.name}: {kind.symbol} ({kind.meaning}) fits best at {fit.values[name]:.3g} "
+                f"{unit_for(kind, record.unit)}, the end of its range, which no axis exceeds: the force does not drive "
+                "this axis, or force and position are not of the same times. Check their columns and clocks."
+            )
 
 
 def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
@@ -495,13 +547,11 @@ _ADVICE = {
 
 def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
     """Warn if the residual force depends on position, speed or time, as piecewise linear functions show."""
-    axis, tables = best.axis(), []
+    tables = []
     for number, motion in enumerate(best.motions):
-        force, rows = motion.force(interpolated=best.model.interpolated), motion.moving
-        left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
-        left = motion.lowpassed(left - axis.friction(motion.speed))
-        columns = (left, motion.block_of(number), motion.position, motion.speed, motion.record.t)
-        tables.append(np.array(columns)[:, rows])
+        columns = (motion.block_of(number), motion.position, motion.speed, motion.record.t)
+        left = residual_force(motion, best.model, best.values)
+        tables.append(np.vstack([left, np.array(columns)[:, motion.moving]]))
     left, block, *columns = np.hstack(tables)
     for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
         edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
@@ -547,6 +597,7 @@ def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
     """Warn if the force acts later or earlier than its rows."""
     model = replace(fit.model, forces=(*fit.model.forces, "delay"))
     late = fit_axis(model, fit.motions, {**fit.values, "delay": 0.0})
+    _check_range(late)
     delay, row = late.values["delay"], max(motion.record.sample_time for motion in fit.motions)
     if late.is_clear("delay") and abs(delay) > 0.5 * row:
         text = (

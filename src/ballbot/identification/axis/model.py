@@ -33,6 +33,8 @@ Values = Mapping[str, float]
 
 #: bounds of the parameters, over the sizes that the largest force, speed and acceleration of a record imply
 _REACH = 100.0
+#: a driver, a bus and a filter take less [s]: no position loop of an axis would be stable with more
+LONGEST_DELAY = 0.1
 _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("mass", "M", "kg", "mass or inertia", "ratio"),
@@ -55,7 +57,9 @@ PARAMETERS: Mapping[str, FitParameter] = {
         symbol=symbol,
         unit=unit,
         scale=scale,
-        bounds=(_LEAST[scale], 1.0 if name == "load" else _REACH),
+        bounds={"load": (0.0, 1.0), "delay": (-LONGEST_DELAY, LONGEST_DELAY)}.get(
+            name, (_LEAST[scale], _REACH)
+        ),
         default=1.0 if scale == "ratio" else 0.0,
         meaning=meaning,
     )
@@ -65,7 +69,7 @@ PARAMETERS: Mapping[str, FitParameter] = {
 
 def unit_for(parameter: FitParameter, axis_unit: str) -> str:
     """Return a parameter's unit for positions in "m" or "rad"; empty for one without a unit."""
-    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "1": ""}
+    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "1": "", "s": "s"}
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 

@@ -17,7 +17,7 @@ import scipy
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import LinearFit, fit_linear
-from ballbot.identification.axis.model import AxisModel
+from ballbot.identification.axis.model import PARAMETERS, AxisModel, unit_for
 from ballbot.identification.axis.record import LEAST_PART, AxisRecord
 
 _ORDER = 4
@@ -34,6 +34,8 @@ BLOCK = 1.0
 _NOISE_SHARE = 0.02
 #: factor by which the bandwidth is lowered for that, and least number of its periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
+#: an effect is clear beyond so many standard errors: by chance in one case of 1,000
+CLEAR = 3.3
 #: largest condition number of columns of length one: errors are then 1e4 times those of the force
 LARGEST_CONDITION = 1e4
 #: and largest one with which a further force or a delay is separated from the others
@@ -137,8 +139,17 @@ class InverseModel:
 
     values: dict[str, float]  #: by name, those in which the force is linear; friction may be negative
     errors: dict[str, float]  #: their standard errors
-    explained: float  #: share of the squared force
+    squares: float  #: sum of the squared force, less its known parts
+    explained: float  #: share of it
     condition: float  #: of the columns, each of length one
+
+    def text(self, axis_unit: str) -> str:
+        """Return the parameters with their 95 % intervals, of positions in "m" or "rad"."""
+        of = ((PARAMETERS[name], value, 1.96 * self.errors[name]) for name, value in self.values.items())
+        return ", ".join(
+            f"{kind.symbol} = {value:.3g} ± {half:.1g} {unit_for(kind, axis_unit)}"
+            for kind, value, half in of
+        )
 
 
 def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
@@ -161,6 +172,7 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
     return InverseModel(
         values=dict(zip(names, fit.values.tolist(), strict=True)),
         errors=dict(zip(names, fit.errors.tolist(), strict=True)),
+        squares=float(np.sum(force**2)),
         explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
         condition=float(singular[0] / singular[-1]),
     )

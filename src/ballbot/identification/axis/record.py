@@ -7,8 +7,7 @@ gap. A unit in a file is converted unless an option gives the factor, a position
 without a position is integrated.
 """
 
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -18,11 +17,15 @@ from typing import Literal
 import numpy as np
 
 from ballbot.arrays import Bools, Floats, positive_number, real_array
-from ballbot.errors import InputError, check_known, either
-from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
+from ballbot.errors import InputError, about, check_known, either
+from ballbot.findings import Finding, error, note, warning
+from ballbot.log.columns import FACTORS, LARGEST_CELL, UNITS, Columns, given_names
 from ballbot.log.formats import read_variables
+from ballbot.log.mapping_search.names import unit_in_name
+from ballbot.log.row_order import check_time, rows_with_times
 from ballbot.log.signals import unwrapped
+from ballbot.log.units import change_agreement, integrated, unit_of_ratio
+from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 
 #: least rows of a record
 LEAST_ROWS = 200
@@ -121,13 +124,9 @@ def record_of_rows(
     """
     if len(t) < 2:
         raise InputError(f"{name}: the time has fewer than two rows.")
+    with about(name):
+        check_time(t)
     steps = np.diff(t)
-    if not steps.min() > 0.0:
-        row = int(np.argmin(steps)) + 2
-        raise InputError(
-            f"{name}, row {row}: time does not increase ({t[row - 1]:.12g} after {t[row - 2]:.12g} s). "
-            "Sort the rows, leave out repeated ones, or split the file."
-        )
     usual = float(np.median(steps))
     gaps = steps > GAP * usual
     mean = float(np.mean(steps[~gaps]))
@@ -188,6 +187,10 @@ class AxisColumns:
     unit: Literal["m", "rad"] = "m"
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
+    columns: str | None = None
+    """The names of a text's columns in its order, with commas between, for a file without a header: t,position,force.
+    Write _ for a column that is not needed."""
+
 
 #: by the unit of positions: the units of each quantity, with the factor to SI units
 _UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
@@ -229,32 +232,39 @@ class _File:
             raise InputError(f"{self.name}: {option} is {value:g}; {text}.")
         return value
 
+    def units_of(self, quantity: str) -> Mapping[str, float]:
+        """Return the units that a quantity may have, with their factors; Ballbot's own is the first."""
+        return _UNITS[self.unit].get(quantity, FACTORS["s"])
+
     def factor(self, quantity: str, name: str, scale: str | None) -> float:
-        """Return the factor of a variable, from the option or the unit in the file."""
+        """Return the factor of a variable, from the option or the unit in the file; 1 if neither converts it."""
         if scale is not None:
-            return self.number(scale, f"--{'position' if quantity == 'velocity' else quantity}-scale")
-        other = "rad" if self.unit == "m" else "m"
-        own, others = (_UNITS[unit].get(quantity, FACTORS["s"]) for unit in (self.unit, other))
-        given = self.unit_of(name)
-        if given in others and given not in own:
+            return self.number(scale, _option(quantity))
+        other, given = "rad" if self.unit == "m" else "m", self.unit_of(name)
+        if given not in self.units_of(quantity) and given in _UNITS[other].get(quantity, ()):
             raise InputError(
                 f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
                 f"{self.unit}; give --unit {other}, or correct the unit in the file."
             )
-        return own.get(given, 1.0)
+        return self.units_of(quantity).get(given, 1.0)
 
     def unit_of(self, name: str) -> str:
-        """Return the unit of a variable as `FACTORS` spells it; empty if the file gives none.
+        """Return the unit of a variable by the row of units below it or its name; empty if the file gives none."""
+        row = self.units.get(name, "").strip("[](){}<> ")
+        return unit_in_name(f"[{row}]" if row else name) or ""
 
-        It may end the name, as in "position_deg", but not as a single letter: "position_m" may be the motor's.
-        """
-        text = self.units.get(name, "")
-        bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
-        if unit := (bracketed.group(1) if bracketed else text).strip():
-            return unit_spelled(unit) or unit
-        parts = name.split("_")
-        rest, unit = unit_at_the_end(parts)
-        return unit if unit and len("".join(parts[len(rest) :])) > 1 else ""
+    def unit_finding(self, quantity: str, name: str) -> Iterator[Finding]:
+        """Find the unit of a variable without an option's factor: one that is converted, or that cannot be."""
+        given, units = self.unit_of(name), self.units_of(quantity)
+        if units.get(given, 1.0) != 1.0:
+            yield note("unit", f"{name} is multiplied by {units[given]:.6g}, by its unit in the file.", name)
+        elif given in UNITS and given not in units:
+            text = f"{name} is in {given}: give how many {next(iter(units))} one is by {_option(quantity)}."
+            yield error("unit", text, name)
+
+
+def _option(quantity: str) -> str:
+    return f"--{'position' if quantity == 'velocity' else quantity}-scale"
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
@@ -271,8 +281,12 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     1.0
     """
     path = Path(path)
-    variables, units = read_variables(path)
-    file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
+    table = read_variables(path, names=given_names(columns.columns))
+    table.need_names(path, "t,position,force")
+    notes, variables = list(table.notes), {**table.columns}
+    if columns.time in variables and len({*map(len, variables.values())}) == 1:
+        variables = rows_with_times(variables, columns.time, notes)
+    file = _File(name=path.name, variables=variables, units=table.units, unit=columns.unit)
     motion = "velocity" if columns.position is None and columns.velocity else "position"
     moving = getattr(columns, motion) or "position"
     names = {"time": columns.time, motion: moving, "force": columns.force}
@@ -286,10 +300,8 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
             f"Name what is meant: {' '.join(f'--{key} NAME' for key in lacking)}"
             + (" (or --time 0.001, the time between rows)" if "time" in lacking else "")
         )
-    scales = (columns.time_scale, columns.position_scale, columns.force_scale)
-    factors = {
-        key: file.factor(key, name, scale) for (key, name), scale in zip(names.items(), scales, strict=True)
-    }
+    given = dict(zip(names, (columns.time_scale, columns.position_scale, columns.force_scale), strict=True))
+    factors = {key: file.factor(key, name, given[key]) for key, name in names.items()}
     values = factors[motion] * file.column(moving, f"--{motion}")
     force = factors["force"] * file.column(columns.force, "--force")
     added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
@@ -302,12 +314,43 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     if motion == "velocity":
         values = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
     position, findings = _without_wraps(values, factors[motion], columns.unit)
-    findings += [
-        note("axis-unit", f"{name} is multiplied by {factors[key]:.6g}, by its unit in the file.", name)
-        for (key, name), scale in zip(names.items(), scales, strict=True)
-        if scale is None and factors[key] != 1.0
-    ]
+    findings = [*(note("file", sentence) for sentence in notes), *findings]
+    unscaled = {key: name for key, name in names.items() if given[key] is None}
+    findings += [finding for key, name in unscaled.items() for finding in file.unit_finding(key, name)]
+    if motion in unscaled:
+        others = {
+            name: values[rows]
+            for name, values in variables.items()
+            if len(values) == len(rows) and name not in names.values()
+        }
+        findings += _contradiction(file, motion, moving, position, others, t)
     return record_of_rows(file.name, t, force, position, unit=columns.unit, findings=tuple(findings))
+
+
+#: correlation of the changes of a column with those of the motion, or the integral of it with them, that shows that it
+#: is the same motion, what else moves with an axis having a delay, noise or play; and how far its factor may be off:
+#: noise of that correlation makes it 2 % larger, and a gear of 10 is 5 % from the 9.55 of rpm
+_SAME_MOTION, _SAME_FACTOR = 0.98, 1.02
+
+
+def _contradiction(
+    file: _File, motion: str, own: str, position: Floats, others: Columns, t: Floats
+) -> list[Finding]:
+    """Return the error of a position (N,), or velocity, in another unit than a column of the same motion shows."""
+    unit = next(iter(file.units_of(motion)))
+    for name, values in others.items():
+        for kind, moved in (("position", values), ("velocity", integrated(t, values))):
+            units = file.units_of(kind)
+            of_other = file.unit_of(name) if file.unit_of(name) in units else next(iter(units))
+            correlation, ratio = change_agreement(t, position, units[of_other] * moved) or (0.0, 1.0)
+            looks = unit_of_ratio(ratio, unit, within=_SAME_FACTOR) if correlation > _SAME_MOTION else None
+            if looks:
+                text = (
+                    f"{own} looks like {looks}, not {file.unit_of(own) or unit}: it moves {ratio:.4g} times as far as "
+                    f"by {name} [{of_other}]. If so, give {_option(motion)} {file.units_of(motion)[looks]:.6g}."
+                )
+                return [error("unit", text, own, name)]
+    return []
 
 
 def _complete_rows(name: str, columns: Columns) -> Bools:
@@ -329,34 +372,17 @@ def _complete_rows(name: str, columns: Columns) -> Bools:
     return ~lacking
 
 
-#: periods after which a position wraps: a turn in radians or degrees, and encoder counters of 8 to 32 bits
-_TURN, _DEGREES = 2.0 * np.pi, 360.0
-_COUNTERS = tuple(2.0**bits for bits in range(8, 33))
-#: largest ordinary step, as a share of the period; a jump differs from the period by no more than such a step
-_LARGEST_STEP = 0.25
-#: excess of a wrapping position's range, and of a jump, over the period by noise and rounding
-_BEYOND = 0.01
-
-
 def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, list[Finding]]:
     """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, and findings on that."""
-    travel, steps = float(np.ptp(position)), np.abs(np.diff(position))
-    # only with the right period does a jump differ from it by an ordinary step
-    for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
-        jumps = steps > 0.5 * period
-        usual = float(steps[~jumps].max(initial=0.0))
-        wraps = 0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any()
-        # the axis moves during the step in which it wraps
-        if not wraps or usual > _LARGEST_STEP * period:
-            continue
-        if np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period:
-            continue
-        size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
-        findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
-        options = ["--unit rad"] if unit != "rad" else []
-        options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
-        if options and period in (_TURN, _DEGREES):
-            text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
-            findings.append(warning("axis-unit", text, "position"))
-        return unwrapped(position, period=period), findings
-    return position, []
+    turn, degrees = TURNS[1:]
+    period = wrap_period(position, (turn, degrees, *(counts * abs(scale) for counts in COUNTERS)))
+    if period is None:
+        return position, []
+    size = {turn: "one turn", degrees: "360"}.get(period, f"{period:.6g} {unit}")
+    findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
+    options = ["--unit rad"] if unit != "rad" else []
+    options += [f"--position-scale {np.radians(1.0):.6g}"] if period == degrees else []
+    if options and period in (turn, degrees):
+        text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
+        findings.append(warning("unit", text, "position"))
+    return unwrapped(position, period=period), findings

@@ -1,7 +1,7 @@
 """Checks of a log: its faults, their likely causes, and the uses that it permits.
 
 table            the sentence and the limits of each statistic
-values           what columns show by themselves: gaps, spikes, jumps, limits, dead, frozen or slow columns, falls
+values           what columns show: gaps, spikes, jumps, limits, dead, frozen, slow or copied columns, falls
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
@@ -29,6 +29,7 @@ from ballbot.log.checks.values import (
     check_held,
     check_jitter,
     check_lean,
+    check_log_copies,
     check_missing_values,
     check_names,
     check_rows,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 
 #: findings that a fault causes in other checks: its codes, theirs, and whether only on the fault's columns
 _FOLLOWS = (
-    (("stuck", "dead-motor"), ("torque-",), True),
+    (("stuck", "dead-motor", "copied"), ("torque-",), True),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
     # a scaled velocity of the ball, which both checks use
@@ -86,8 +87,8 @@ def _log_findings(log: Log, robot: Robot | None, of_physics: Sequence[Finding]) 
     numbers = [number for number, names in enumerate(of_wheels, start=1) if names & set(log.names)]
     wheel_count = robot.wheel_count if robot else max(numbers, default=3)
     of_columns = (
-        check_jitter, check_missing_values, check_rates, check_gyro, check_lean, check_constant, check_stuck,
-        check_held, check_names,
+        check_jitter, check_missing_values, check_rates, check_gyro, check_lean, check_constant, check_log_copies,
+        check_stuck, check_held, check_names,
     )  # fmt: skip
     findings = [*log.changes, *check_rows(log, robot), *(item for find in of_columns for item in find(log))]
     findings += [*check_uses(log, wheel_count=wheel_count), *judged("rows", [], 2.0 - len(log))]

@@ -17,9 +17,11 @@ from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding, finding
 from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.evidence import SCALED
 from ballbot.log.log import Log
 from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
+from ballbot.log.units import unit_of_ratio
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
-#: an order must correlate better than the columns' own by this much on average to be preferred, and all by this much
-CLEAR_MARGIN, CLEAR_CORRELATION = 0.05, 0.9
+#: an order must correlate better than the columns' own by this much on average to be preferred
+CLEAR_MARGIN = 0.05
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
 #: gains within the first factor of each other have one cause, which is an error beyond the second factor; and a gain
@@ -177,7 +179,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         return misread
     if agreement is None:
         return judged("wheels: unseen", [])
-    follows = min(agreement.correlations) >= CLEAR_CORRELATION
+    follows = min(agreement.correlations) >= SCALED
     if follows and agreement.own:
         return _gain_findings(agreement.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
@@ -198,19 +200,20 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
     common, alike, ratio = float(np.median(gains)), max(gains) < ALIKE * min(gains), robot.drive.gear_ratio
     counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
     causes = {
-        60.0 / (2.0 * np.pi): "their speeds are in rpm, not in rad/s",
-        float(np.degrees(1.0)): "their speeds are in degrees per second, not in rad/s",
-        1.0 / (2.0 * np.pi): "their speeds are in turns per second, not in rad/s",
         ratio: f"they are the motors' speeds; divide by the gear ratio {ratio:g}",
         1.0 / ratio: f"they were divided once too often by the gear ratio {ratio:g}",
         counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
     }
-    unit = next((causes[size] for size in causes if alike and 1.0 / ALIKE < common / size < ALIKE), None)
-    cause = unit or (
+    unit = unit_of_ratio(common, "rad/s", within=ALIKE) if alike else None
+    known = f"their speeds are in {unit}, not in rad/s" if unit else None
+    known = known or next(
+        (causes[size] for size in causes if alike and 1.0 / ALIKE < common / size < ALIKE), None
+    )
+    cause = known or (
         "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
         "computed with another radius, or the ball slips or pivots"
     )
-    off = np.inf if unit else max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
+    off = np.inf if known else max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
     listed = ", ".join(f"{gain:.4g}" for gain in gains)
     return judged("wheels: gain", wheel_speed_names(len(gains)), off, gains=listed, cause=cause)
 

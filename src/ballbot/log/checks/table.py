@@ -9,7 +9,10 @@ from collections.abc import Mapping, Sequence
 
 from ballbot.findings import Finding, Severity, finding
 
-_IN_UNIT = "{name} varies {size:.3g} times as much as {rates} give: {column} is in {unit}, not in {right}."
+_IN_UNIT = (
+    "{name} varies {size:.3g} times as much as {rates} would make it: {column} looks like {unit}, not {right}. If so, "
+    'write unit = "{unit}" for it into a mapping.'
+)
 _ROLLING = "The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping."
 _ORDER = (
     "The torques do not fit the motion as logged: {fault}. With this correction they explain {after:.0f} % of the "
@@ -27,8 +30,8 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "Rows are missing in {rows}, first for {first:.4g} s after {place}, at most for {largest:.4g} s, while rows "
         "come every {period:.4g} s; windows must not span them."),
     "spike": ({"warning": 0},
-        "{name} jumps away and back in {rows}, to {value:.6g} at {place}, further than it moves otherwise: a corrupted "
-        "message, or a marker of missing values, which a mapping file can name."),
+        "{name} jumps away and back in {rows}, to {value:.6g} at {place}: a corrupted message, a failed reading, or a "
+        "marker of missing values, which a mapping file can name."),
     "wrap": ({"warning": 0},
         "{name} jumps by a full turn in {rows}, first at {place}: it is wrapped. Unwrap it (numpy.unwrap) before use."),
     "jump": ({"error": 1},  # change over the least jump
@@ -53,6 +56,8 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     "missing": ({"warning": 0},  # cells
         "{names}: {count} of {rows} values missing or not finite, the first at {place}; uses that "
         "need the column leave these rows out."),
+    "copied": ({"error": 0},
+        "{one} and {other} have the same values: one of the two was recorded twice, in place of the other."),
     "constant: all": ({"warning": 0},
         "No measurement and no torque changes in {duration:.3g} s: the robot is at rest throughout, or was not "
         "recorded. Record it while it moves."),

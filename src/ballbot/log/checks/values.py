@@ -2,7 +2,8 @@
 
 A value is a spike if it differs from both neighbouring rows, to the same side, by more than five times the range of
 nearly all others: a corrupted message, or a marker such as 9999 for a missing one. A motion takes several rows to get
-there and back, and noise of that size would affect many rows.
+there and back, and noise of that size would affect many rows. One value to which a signal jumps again and again is
+one, too (`ballbot.log.signals.dropouts`).
 
 Positions and angles must change from row to row by the integral of their rates. The mean lean of a balancing robot is
 near zero, since a constant lean is a constant acceleration. Sensors with noise never repeat a value to the last bit; a
@@ -10,7 +11,8 @@ robot at rest, an encoder at rest and a noiseless simulation may, so that rows a
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
-from ballbot.log.signals import runs_of
+from ballbot.log.signals import LIVE_FRACTION, dropouts, runs_of
 from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
@@ -41,8 +43,8 @@ FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind rec
 LEAST_JUMP, FAR = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}, 30.0
 #: standard deviation of a state that moves [m, rad, m/s, rad/s], and of the ball's velocity if the robot does [m/s]
 LEAST_MOVING, LEAST_SPEED = 1e-3, 2e-3
-#: a live column changes at this fraction of the rows: staying constant for so long [rows, s] is a fault
-LIVE_FRACTION, STUCK_ROWS, STUCK_TIME = 0.9, 10, 0.1
+#: a live column (`LIVE_FRACTION`) that stays constant for so long [rows, s] has a fault
+STUCK_ROWS, STUCK_TIME = 10, 0.1
 #: shortest standstill of a torque that is not at its extreme [s]
 FROZEN_TORQUE_TIME = 1.0
 #: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
@@ -74,7 +76,13 @@ def spikes(values: Floats) -> Bools:
 
 def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
     """Return which rows of a log (N,) have a spike in one of these columns."""
-    return np.any([spikes(log[name]) for name in names], axis=0)
+    return np.any([_spikes_of(log, name) for name in names], axis=0)
+
+
+def _spikes_of(log: Log, name: str, _: object = None) -> Bools:
+    """Return which rows of a column (N,) are spikes; a torque or a speed by counts may rightly be 0 again and again."""
+    may_be_zero = name in _TORQUES or name.endswith("_dot")
+    return spikes(log[name]) if may_be_zero else spikes(log[name]) | dropouts(log[name])
 
 
 def _rows_at_top(log: Log, name: str, _: object) -> Floats:
@@ -117,7 +125,7 @@ ROW_CHECKS: tuple[tuple[str, tuple[str, ...], Callable[[Log, str, Drive | None],
     ("gap", ("t",), _gaps),
     # accelerometers measure shocks, and references may jump
     ("spike", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
-     lambda log, name, _: spikes(log[name])),
+     _spikes_of),
     ("wrap", wheel_angle_names(MAX_WHEELS),
      lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5),
     ("jump", POSITION_NAMES, _jumps),
@@ -180,6 +188,30 @@ def check_names(log: Log) -> list[Finding]:
     meant = {name: nearest(name, KNOWN_NAMES, likeness=0.8) for name in unknown}
     listed = [f"{name} (did you mean {near[0]}?)" if near else name for name, near in meant.items()]
     return judged("unknown", unknown, len(unknown), listed=", ".join(listed))
+
+
+def is_constant(values: Floats) -> bool:
+    """Return whether a column (N,) of several rows never changes; one without any value does not."""
+    known = values[np.isfinite(values)]
+    return known.size > 1 and bool(np.all(known == known[0]))
+
+
+def check_copies(columns: Mapping[str, Floats], names: Sequence[str]) -> Iterator[Finding]:
+    """Return the error of each two columns of sensors or motors that have the same values, and change."""
+    for one, other in combinations([name for name in names if name in columns], 2):
+        first, second = columns[one], columns[other]
+        changes = np.unique(first[np.isfinite(first)]).size > 1
+        if changes and np.array_equal(first, second, equal_nan=True):
+            yield from judged("copied", [one, other], one=one, other=other)
+
+
+def check_log_copies(log: Log) -> Iterator[Finding]:
+    """Return the errors of `check_copies`; torques and wheels of a robot on a bench may rightly be the same."""
+    axes = [("theta", "phi"), ("gyro_x", "gyro_y", "gyro_z"), ("acc_x", "acc_y", "acc_z")]
+    if {*STATE_NAMES} <= set(log.names):
+        axes += [names(MAX_WHEELS) for names in (torque_names, wheel_angle_names, wheel_speed_names)]
+    for names in axes:
+        yield from check_copies(log.columns, names)
 
 
 def check_constant(log: Log) -> Iterator[Finding]:

@@ -6,13 +6,15 @@ A table of text is read by its `TextLayout`, which a mapping states or its lines
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ballbot.arrays import Floats, check_table, format_bytes
 from ballbot.errors import InputError, either, nearest
 from ballbot.files import LARGEST_TABLE, check_regular
+from ballbot.log.clock import with_fractions
 from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
+from ballbot.log.formats.dialects import read_long_table
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
@@ -23,7 +25,7 @@ from ballbot.log.formats.text import (
     TextLayout,
     infer_text_table,
     read_head,
-    read_inferred,
+    read_own_table,
     read_text_table,
     write_text_table,
 )
@@ -51,7 +53,7 @@ class LogFormat:
 
 
 #: the one whose layout a mapping file may give
-_TEXT = LogFormat("CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table)
+_TEXT = LogFormat("CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_own_table, write_text_table)
 #: of ROS 1 or 2; also how a folder is read, whatever its name
 _BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag)
 #: every format; adding one takes a file beside this one and a line here
@@ -104,9 +106,13 @@ def read_columns(
     file has none of the `FORMATS` or holds no table.
     """
     form, notes = _format_of(path), [] if notes is None else notes
-    if form is _TEXT and layout is not None:
-        return read_text_table(path, layout, used=used, notes=notes)
-    columns = read_inferred(path, of_a_log=True, notes=notes) if form is _TEXT else _table(form, path)
+    if form is not _TEXT:
+        columns = _of_one_length(_read(form, path), path)
+    elif layout is None:
+        columns = read_own_table(path, notes)
+    else:
+        columns = read_text_table(path, layout, used=used, notes=notes)
+    columns = with_fractions(columns, notes)
     if layout is not None:
         return columns
     own = native_columns(columns)
@@ -117,24 +123,26 @@ def read_columns(
     return rows_with_times(columns, "t", notes) if "t" in columns else columns
 
 
-def read_variables(path: str | Path) -> tuple[Columns, Mapping[str, str]]:
-    """Read all variables of a file by name, of any length, and their units, as a row below a text's header has them.
+def read_variables(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
+    """Read all variables of a file of any format by name, of any length; of text in any layout, whatever its suffix.
 
-    InputError as for `read_columns`.
+    The `names` of a text's columns are given if it has none. InputError if the file has no numbers.
     """
-    form = _format_of(path)
-    return _read(form, path), read_head(path).units if form is _TEXT else {}
+    form = _format_of(path, otherwise=_TEXT)
+    if form is _TEXT:
+        table = infer_text_table(path, given_names=names)
+    elif names is not None:
+        raise InputError(f"{path} has names of its own; --columns is for tables of text.")
+    else:
+        table = ForeignTable(columns=_read(form, path))
+    notes = list(table.notes)
+    return replace(table, columns=with_fractions(table.columns, notes), notes=tuple(notes))
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of any format, and of text in any layout, whatever its suffix; InputError if it has no numbers."""
-    form = _format_of(path, otherwise=_TEXT)
-    if form is _TEXT:
-        return infer_text_table(path, given_names=names)
-    columns = _table(form, path)
-    if names is not None:
-        raise InputError(f"{path} has names of its own; --columns is for tables of text.")
-    return ForeignTable(columns=columns)
+    """Read a file as `read_variables`, without the variables that are not as long as t, or as most others."""
+    table = read_variables(path, names=names)
+    return replace(table, columns=_of_one_length(table.columns, path))
 
 
 def write_columns(path: str | Path, columns: Mapping[str, Floats]) -> None:
@@ -174,7 +182,8 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
         near = nearest(suffix, _OF_SUFFIX)
         hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
         raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_OF_SUFFIX)}.")
-    return form
+    long = read_long_table(path) if form is _TEXT else None
+    return form if long is None else LogFormat("CSV", (), lambda _: long)
 
 
 def _read(form: LogFormat, path: str | Path) -> Columns:
@@ -209,9 +218,8 @@ def _needing(form: LogFormat, *, reading: str | Path | None = None) -> Iterator[
         ) from None
 
 
-def _table(form: LogFormat, path: str | Path) -> Columns:
+def _of_one_length(variables: Columns, path: str | Path) -> Columns:
     """Return the variables of the log's table, which are equally long; the file may also have constants."""
-    variables = _read(form, path)
     counts = Counter(map(len, variables.values()))
     length = len(variables["t"]) if "t" in variables else max(counts, key=lambda n: (counts[n], n))
     columns = {name: values for name, values in variables.items() if len(values) == length}

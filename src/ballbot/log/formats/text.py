@@ -15,7 +15,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -26,6 +25,7 @@ from ballbot.arrays import Floats, check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
 from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, mark_missing, native_columns
+from ballbot.log.formats.dialects import EXACT, seconds_of, unpadded_times, without_labels
 from ballbot.summary import counted
 
 if TYPE_CHECKING:
@@ -79,11 +79,21 @@ class ForeignTable:
     notes: tuple[str, ...] = ()  #: sentences on anomalies of the file
     units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the header has them
 
+    def need_names(self, source: object, example: str) -> None:
+        """Raise InputError, with an example of what to give as --columns, if the file has no header."""
+        if not self.named:
+            raise InputError(
+                f"{source} has no header: no line above its rows has a name for each of {len(self.columns)} columns. "
+                f"Give them in their order, --columns {example} (_ for a column that is not needed)."
+            )
+
 
 #: cells without a value, in small letters
 MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 _TOO_LONG = f"a cell has more than {csv.field_size_limit()} characters."
 OWN_LAYOUT = TextLayout()
+#: beginnings of comments
+_COMMENTS = ("%", "#", "//")
 #: the beginning of a number that is no number
 _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
 #: lines examined to find the separator, and characters of a file in which its layout must show
@@ -107,7 +117,7 @@ def read_text_table(
     file is not such a table.
     """
     notes = [] if notes is None else notes
-    lines = _text_of(path).split("\n")
+    lines, _ = without_labels(_text_of(path).split("\n"))
     names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
     rows, cut, damaged = _whole_rows(path, lines, layout, len(names))
@@ -119,6 +129,14 @@ def read_text_table(
             cells = [_value(str(cell), layout) for cell in cells]
             words[:, i] = [cell is None for cell in cells]
         table[:, i] = np.array(cells, dtype=np.float64)  # None becomes NaN
+        if _steps_back_within_a_second(table[:, i]):
+            mark = SEPARATORS[layout.separator]
+            stamps = [split_cells(line, mark)[i].replace(",", ".") for line in rows.values()]
+            if (times := unpadded_times(stamps)) is not None:
+                table[:, i] = times
+                notes.append(
+                    f"{names[i]} has seconds and their fraction as two whole numbers, and is read so."
+                )
     # of words, by what the table is used for, or by most cells with something in them
     most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
     omitted = words.any(axis=0) & (most if used is None else ~np.isin(names, list(used)))
@@ -152,6 +170,15 @@ def read_text_table(
     return {names[i]: np.ascontiguousarray(table[:, i]) for i in np.flatnonzero(~omitted)}
 
 
+def _steps_back_within_a_second(values: Floats) -> bool:
+    """Return whether values go back though their whole seconds increase."""
+    known = values[np.isfinite(values)]
+    increase = np.diff(np.floor(known))
+    return bool(
+        (np.diff(known) < 0.0).any() and (increase >= 0.0).all() and increase.any() and known[0] >= 0.0
+    )
+
+
 def _text_of(path: str | Path) -> str:
     text = read_text(path, largest=LARGEST_TABLE)
     if not text.strip():
@@ -159,11 +186,11 @@ def _text_of(path: str | Path) -> str:
     return text
 
 
-def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
-    """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
+def read_own_table(path: str | Path, notes: list[str] | None = None) -> Columns:
+    """Read a table with Ballbot's names whose separator, decimal sign and header are inferred; every row must be whole.
 
-    Columns of words are omitted; in a log, only those without one of Ballbot's names. `notes` gets a sentence for each
-    omission. Raises InputError as `read_text_table` does.
+    Columns of words are omitted if Ballbot does not know their names. `notes` gets a sentence for each omission. Raises
+    InputError as `read_text_table` does.
     """
     head = read_head(path)
     if head.above is None:
@@ -173,8 +200,7 @@ def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] 
         for problem in head.problems:
             if problem.endswith("appears twice."):
                 raise InputError(f"{path}: {problem[0].lower()}{problem[1:]}")
-    used = {*KNOWN_NAMES, *native_columns(head.names)} if of_a_log else None
-    return read_text_table(path, layout, used=used, notes=notes)
+    return read_text_table(path, layout, used={*KNOWN_NAMES, *native_columns(head.names)}, notes=notes)
 
 
 def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
@@ -204,6 +230,7 @@ def read_head(path: str | Path) -> Head:
     text = _text_of(path)
     lines = text[:_HEAD].split("\n")
     lines = lines[:-1] if len(text) > _HEAD and len(lines) > 1 else lines  # the last is cut
+    lines, labels = without_labels(lines)
     layout = _likely_layout(lines)
     mark = SEPARATORS[layout.separator]
     cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
@@ -219,8 +246,9 @@ def read_head(path: str | Path) -> Head:
     wide = [len(row) == width and _is_row(row, layout) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
-    # the last line, other than the units', with a name for each column; failing that, the last line with words
-    head = cells[:first]
+    # the last line, other than the units', with a name for each column; failing that, the last line with words that is
+    # no comment
+    head = [] if labels else cells[:first]
     fitting = [
         k
         for k, row in enumerate(head)
@@ -229,18 +257,29 @@ def read_head(path: str | Path) -> Head:
         and not any(is_number(cell.replace(",", ".")) for cell in row)
     ]
     named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
-    words = [[], *(row for row in head if any(_value(cell, layout) is None for cell in row))]
-    names, problems = names_of(words[-1] if named is None else head[named], width)
+    said = [row for row in head if any(row) and not row[0].startswith(_COMMENTS)]
+    words = [[*labels], *(row for row in said if any(_value(cell, layout) is None for cell in row))]
+    names, problems = names_of(words[-1] if named is None else _distinguished(head, named), width)
     below = [] if named is None or named + 1 >= first else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
+    above = first if labels else None if named is None else named + 1 + bool(units)
     return Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
         rows=len(rows),
-        named=any(head),
-        above=None if named is None else named + 1 + bool(units),
+        named=bool(labels or said) or named is not None,
+        above=above,
         problems=tuple(problems),
         units=units,
     )
+
+
+def _distinguished(head: list[list[str]], named: int) -> list[str]:
+    """Return the cells of a header's line, with what the lines above say of each if not all have names of their own."""
+    row = head[named]
+    above = [line for line in head[:named] if len(line) == len(row) and len({*line} - {""}) > 1]
+    if len({*row} - {""}) == len(row):
+        return row
+    return [".".join(filter(None, cells)) for cells in zip(*above, row, strict=True)]
 
 
 def _likely_layout(lines: list[str]) -> TextLayout:
@@ -377,6 +416,7 @@ def _frame(path: str | Path, rows: list[str], layout: TextLayout, width: int) ->
             header=None,
             index_col=False,
             skipinitialspace=True,
+            float_precision=EXACT,
             low_memory=False,
         )
     except pandas.errors.ParserError:
@@ -413,17 +453,3 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return "_" not in cell  # Python's float accepts 1_000, which is no number in a table
-
-
-def seconds_of(cell: str) -> float | None:
-    """Return the seconds since 1970 of a date with a time, or since midnight of a time; None of other cells.
-
-    Both are as in ISO 8601, UTC without an offset: 2026-05-03 14:59:50.005 and 14:59:50.005.
-    """
-    if cell.count(":") < 2:
-        return None
-    try:
-        moment = datetime.fromisoformat(cell if "-" in cell else f"1970-01-01T{cell.rjust(8, '0')}")
-    except ValueError:  # such as a 13th month
-        return None
-    return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()

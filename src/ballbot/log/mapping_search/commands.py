@@ -9,7 +9,8 @@ torques (`likely_dead_band`).
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 import numpy as np
@@ -20,6 +21,7 @@ from ballbot.log import Log
 from ballbot.log.columns import FACTORS
 from ballbot.log.evidence import (
     CONFIDENT,
+    RELATED,
     correlations,
     probabilities,
     vertex_with_error,
@@ -40,11 +42,10 @@ from ballbot.log.torque_balance import (
     gains_of,
     motion_of,
 )
+from ballbot.results import left_out
 from ballbot.robot import Drive, Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
-#: correlation of a free wheel's speed with its command
-FOLLOWED = 0.8
 #: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
 DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
 #: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
@@ -55,6 +56,9 @@ LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
 #: masses, torque constants and friction make a log's torques differ by this [log] from those that its motion needs
 RATIO_DEVIATION = 0.25
+#: a share of rows beyond full duty, which the driver clips, that lowers the logarithm of a full scale's weight by one;
+#: and a command just beyond full duty is rounded
+CLIPPED, ROUNDED = 0.05, 1.01
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: a dead band as firmware has it [of full duty], and as a part of the dry friction that the log shows besides: with
@@ -77,6 +81,8 @@ class CommandDrive:
     ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
     delay_error: float
+    #: of each of the scales, how many times as large as the motion needs the torques are
+    misfits: tuple[float, ...] = field(metadata=left_out)
 
     @property
     def scale(self) -> float:
@@ -112,7 +118,13 @@ def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: _N
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
     kind, ratios, alike = _scale_of(base, gain if math.isfinite(error) else math.nan, error)
     return CommandDrive(
-        assigned=assigned, kind=kind, scales=alike, ratios=ratios, delay=delay, delay_error=delay_error
+        assigned=assigned,
+        kind=kind,
+        scales=tuple(alike),
+        ratios=ratios,
+        delay=delay,
+        delay_error=delay_error,
+        misfits=tuple(alike.values()),
     )
 
 
@@ -124,7 +136,8 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     sums = {order: float(size[rows, order].sum()) for order in permutations(rows)}
     # of commands that are alike, the file's own order
     best, other = sorted(sums, key=lambda order: (-round(sums[order], 6), order))[:2]
-    if size[rows, best].min() < FOLLOWED:
+    # a slow sweep has few independent samples, but nothing else turns a free wheel
+    if size[rows, best].min() < RELATED:
         return None
     return CommandOrder(
         wheels=best,
@@ -209,8 +222,8 @@ def assumed_resistance(motor: Drive) -> float:
 
 def _scale_of(
     base: Columned, gain: float, error: float
-) -> tuple[InputKind | None, dict[InputKind, tuple[float, float]], tuple[str, ...]]:
-    """Return the kind that is stated, the likeliest scale and ratio of each kind, and scales of it that fit alike.
+) -> tuple[InputKind | None, dict[InputKind, tuple[float, float]], dict[str, float]]:
+    """Return the kind that is stated, the likeliest scale and ratio of each kind, and the ratios of others as likely.
 
     `gain` is the command that the motion needs for 1 N m, and `error` that of its logarithm.
     """
@@ -222,7 +235,7 @@ def _scale_of(
             f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
             f"--command says {kind}. Correct one of them."
         )
-    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), ()
+    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), dict[str, float]()
     ampere = drive.gear_ratio * drive.torque_constant
     # torque [N m] at standstill of one N m, A, V or full duty
     standstill: dict[InputKind, float] = {
@@ -238,16 +251,20 @@ def _scale_of(
         size = gain * torque
         logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
         deviation = math.hypot(error, RATIO_DEVIATION)
-        likely = probabilities({name: -0.5 * (off / deviation) ** 2 for name, off in logs.items()})
+        beyond = {name: _beyond(candidate, base, scale) / CLIPPED for name, scale in scales.items()}
+        likely = probabilities(
+            {name: -0.5 * (off / deviation) ** 2 - beyond[name] for name, off in logs.items()}
+        )
         # without a motion that shows it, the smallest number that holds them all
-        ranked = list(likely) if math.isfinite(size) else sorted(scales, key=lambda name: -scales[name])
+        by_size = sorted(scales, key=lambda name: (beyond[name] > 0.0, -scales[name]))
+        ranked = list(likely) if math.isfinite(size) else by_size
         scale = scales[ranked[0]]
         ratios[candidate] = scale, size * scale
         if candidate == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
             fits = candidate != "duty" or abs(logs[ranked[0]]) < FULL_SCALE_FITS
             if others and not (sum(likely[name] for name in others) <= 1.0 - CONFIDENT and fits):
-                alike = (ranked[0], *others[:3])
+                alike = {name: size * scales[name] for name in (ranked[0], *others[:3])}
     return kind, ratios, alike
 
 
@@ -257,11 +274,17 @@ def _scales(kind: InputKind, base: Columned) -> dict[str, float]:
     if kind != "duty":
         return {named: _SCALES[kind][named]} if named in _SCALES[kind] else _SCALES[kind]
     commands = base.stacked(base.roles.commands)
-    fitting = [full_scale for full_scale in FULL_SCALES if float(np.abs(commands).max()) <= 1.01 * full_scale]
+    fitting: Sequence[float] = FULL_SCALES
     if full is not None:
         fitting = [full]
     elif named == "%":
         fitting = [100.0]
-    elif fitting[:1] == [1.0] and not np.array_equal(commands, np.round(commands)):
+    elif _beyond("duty", base, 1.0) < CLIPPED and not np.array_equal(commands, np.round(commands)):
         fitting = [1.0]  # no robot balances with a hundredth of its voltage
     return {f"{full_scale:g}": 1.0 / full_scale for full_scale in fitting}
+
+
+def _beyond(kind: InputKind, base: Columned, scale: float) -> float:
+    """Return the share of the commands that are beyond full duty, if they are one, by this scale."""
+    size = scale * np.abs(base.stacked(base.roles.commands))
+    return float((size > ROUNDED).mean()) if kind == "duty" else 0.0

@@ -11,11 +11,16 @@ import numpy as np
 
 from ballbot.arrays import Bools, Floats
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.evidence import ERRORS_WEIGHT, correlations
+from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, confidence_in
 from ballbot.log.formats.text import TextLayout
-from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
+from ballbot.log.imu_angles import (
+    AngleSequence,
+    integral_of,
+    less_half_a_turn,
+    turning_tilts,
+    within_half_a_turn,
+)
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.placement import (
     STILL_HEADING,
     LeanTest,
@@ -29,6 +34,7 @@ from ballbot.log.signals import (
     Smooth,
     balancing_rows,
     even_rows,
+    frozen_rows,
     new_messages,
     repaired_noise,
     sampling_times,
@@ -38,6 +44,8 @@ from ballbot.log.signals import (
     without_resets,
 )
 from ballbot.log.torque_balance import block_sums
+from ballbot.log.units import Unit, Units, lean_units, likeliest_units, wheel_units
+from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
@@ -49,15 +57,12 @@ WIDTHS = (0.05, 0.12, 0.2)
 WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 #: rows whose intervals differ by less than this part need no repair
 EVEN_TIMES = 0.01
-#: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
-GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
+#: how far the gain of a gyro that follows the rates of the angles may be off [log]
+GYRO_GAIN = 0.3
 #: time [s] at each end, with a one-sided fit, that is not used for the handedness; its least standard error
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: logarithm of the odds that roll and pitch turn with the heading, as those of most IMUs do, before a log is seen
 TURNING_ODDS = 1.0
-#: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
-PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
-TURNS = (1.0, 2.0 * math.pi, 360.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +110,17 @@ class Columned:
         return self.stacked(self.roles.commands)[np.maximum(latest, 0)]
 
     @property
+    def frozen(self) -> Bools:
+        """The rows (M,) at which roll or pitch froze: it repeats one value, and changes at nearly all other rows."""
+        each = [frozen_rows(self.t, self.cut[name]) for name in self.roles.attitude[:2]]
+        return np.asarray(np.any(each, axis=0)) if each else np.zeros(len(self.t), dtype=np.bool_)
+
+    @property
     def raw_attitude(self) -> Floats:
         """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
+        if self.roles.turn is not None:
+            values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
             values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
         return values
@@ -210,10 +223,9 @@ def motion_of_file(base: Columned) -> SensedMotion:
 
 def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
     """Return angles (M, n) without the jumps of a full counter or turn, and its period if there is one."""
-    periods = PERIODS if np.all(angles == np.round(angles)) else TURNS
-    jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
-    period = next((period for period in periods if 0.6 * period < extent < 1.0001 * period), None)
-    if of_speeds or period is None or jump < 0.6 * period:
+    whole = bool(np.all(angles == np.round(angles)))
+    period = None if of_speeds else wrap_period(angles, (TURNS[-1], *COUNTERS) if whole else TURNS)
+    if period is None:
         return angles, None
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
@@ -299,6 +311,7 @@ def _signals(
             value = INTERVAL * np.cumsum(rates.value[:, 2:], axis=0)
             heading = Smooth(value=value, rate=rates.value[:, 2:], acceleration=rates.rate[:, 2:])
     usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
+    usable &= np.interp(rows, base.t, base.frozen.astype(np.float64)) == 0.0
     return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
 
 
@@ -365,12 +378,16 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
 def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
     """Return how a gyro (N, 3) fits the rates of angles (N, 3) [rad]; None if it does not."""
     b = _body_rates(angles)
-    R = correlations(a, b)
+    R, confidence = confidence_in(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
-    agreement = [abs(float(R[order[axis], axis])) for axis in axes]
-    if min(agreement[:2]) < GYRO_CORRELATION:
+    shown = (np.abs(R) >= RELATED) & (confidence >= CONFIDENT)
+    if not (shown[order[0], 0] and shown[order[1], 1]):
         return None
+    # a heading that hardly turns shows no sign
+    with_yaw = with_yaw and bool(shown[order[2], 2])
+    axes = axes[: 3 if with_yaw else 2]
+    agreement = [abs(float(R[order[axis], axis])) for axis in axes]
     signs = [1 if R[order[axis], axis] > 0.0 else -1 for axis in axes]
     if not with_yaw:  # axes of one handedness
         signs.append(signs[0] * signs[1] * (1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1))

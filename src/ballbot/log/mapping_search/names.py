@@ -16,7 +16,7 @@ name is taken.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -26,7 +26,8 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, UNIT_OF, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
-from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
+from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles, within_half_a_turn
+from ballbot.results import left_out
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]
@@ -56,7 +57,8 @@ _WORDS = {
         "batt battery vbat supply temp bus temperature mag magnetometer status state mode abort flag cost cpu bias std "
         "var cov integral est dt period latency load checksum crc joy joystick loop exec cycle acc accel accelerometer "
         "acceleration linacc akku batterie temperatur fehler zustand beschleunigung",
-        "time": "time timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel uhrzeit",
+        "time": "time tv timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel "
+        "uhrzeit",
         "x": "roll rollwinkel",
         "y": "pitch nick nickwinkel",
         "z": "yaw heading gier gierwinkel",
@@ -224,6 +226,24 @@ def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     return ("wheel angle", 0.65) if present & (angle | {"wheel", "wheels", "whl"}) else ("other", 0.0)
 
 
+def unit_in_name(name: str) -> str | None:
+    """Return the unit that a column's name has, or is, as `UNITS` has it or brackets at its end; None if it has none.
+
+    A single letter at its end is none: position_m may be the motor's.
+
+    >>> [unit_in_name(name) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
+    ['rpm', 'rpm', 'deg', 'kN', None, None]
+    """
+    bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", name)
+    if bracketed:
+        return unit_spelled(bracketed.group(1)) or bracketed.group(1).strip() or None
+    parts = re.split(r"[^\w/%°²]|_", name)
+    before, unit = unit_at_the_end(["", *parts])
+    if unit is None:
+        return _words_and_unit(name)[1]
+    return unit if len("".join(parts[len(before) - 1 :])) > 1 else None
+
+
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     """Return the words of a name in lower case without its unit, and the unit."""
     unit, name = None, name.translate(_UMLAUTS)
@@ -283,6 +303,8 @@ class Roles:
     quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
     of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
+    #: in the file's unit, if roll and pitch are from zero to one
+    turn: float | None = field(default=None, metadata=left_out)
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as their names say
 
     def unit(self, names: tuple[str, ...]) -> str | None:
@@ -295,12 +317,8 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
 
     InputError, with what to give as --columns, if no name says which column is the time, or which are lean or wheels.
     """
-    if not table.named:
-        raise InputError(
-            f"{path} has no header: name its {len(table.columns)} columns in their order, "
-            "--columns t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3 (_ for a column that is not needed)."
-        )
-    columns, quaternion = dict(table.columns), _quaternion(table.columns)
+    table.need_names(path, "t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3")
+    columns, quaternion = dict(table.columns), next(iter(quaternions(table.columns)), ())
     names = [name for name in columns if name not in quaternion]
     roles = roles_by_name(names, wheel_count=wheel_count, units=table.units)
     if quaternion and not roles.attitude:
@@ -317,7 +335,9 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
             "--columns t,roll,pitch,.. (_ for a column that is not needed), or write a mapping file."
         )
     if roles.attitude and not roles.quaternion:
-        roles = replace(roles, half_turn=_half_turn(columns[roles.attitude[0]], roles.unit(roles.attitude)))
+        unit, (roll, pitch) = roles.unit(roles.attitude), (columns[name] for name in roles.attitude[:2])
+        half, turn = _turn_near(roll, 0.5, unit), _turn_near(np.concatenate([roll, pitch]), 1.0, unit)
+        roles = replace(roles, half_turn=half and 0.5 * half, turn=turn)
     return replace(table, columns=columns), roles
 
 
@@ -369,26 +389,73 @@ def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     return {axis: reading.name for axis, reading in best.items()}
 
 
-def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
-    """Return the names of the w, x, y and z of an IMU's quaternion, that of the odometry last; empty if none has one.
+#: what the names of a quaternion's columns differ in: w, x, y, z; or the scalar first or last, in the file's order
+_QUATERNIONS = ("wxyz", "rijk", "sijk", "sxyz", "0123", "1234", "abcd")
+#: roll and pitch of a robot are so many times less by the right order than by the other, mean squares
+_UPRIGHT = 4.0
 
-    They differ in one letter, w, x, y and z, and the sum of their squares is one.
+
+def quaternions(columns: Mapping[str, Floats]) -> list[tuple[str, ...]]:
+    """Return the names of the w, x, y and z of each quaternion, those of odometry last: the sum of squares is one.
+
+    Numbers do not show whether the scalar is the first or the last: it is where the robot stands upright.
     """
-    candidates = []
-    for name in columns:
-        for position, mark in enumerate(name):
-            if mark not in "wW":
+    found = []
+    for marks in _QUATERNIONS:
+        for series in marked_series(columns, marks):
+            values = np.column_stack([columns[column] for column in series])
+            if not is_quaternion(values) or not np.ptp(np.nan_to_num(values), axis=0).any():
                 continue
-            marks = "wxyz" if mark == "w" else "WXYZ"
-            series = tuple(name[:position] + letter + name[position + 1 :] for letter in marks)
-            if all(column in columns for column in series):
-                values = np.column_stack([columns[column] for column in series])
-                values = values[np.isfinite(values).all(axis=1)]
-                norm = np.linalg.norm(values, axis=1)
-                unit = np.abs(norm - 1.0) < UNIT_NORM
-                if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
-                    candidates.append(series)
-    return min(candidates, key=lambda series: "odom" in series[0].lower(), default=())
+            power = np.nansum(values**2, axis=0)
+            first, last = power[1] + power[2], power[0] + power[1]
+            if marks[-1] in "zk" or _UPRIGHT * first < last:
+                found.append(series)
+            elif _UPRIGHT * last < first:
+                found.append((series[3], *series[:3]))
+    return sorted(found, key=lambda series: "odom" in series[0].lower())
+
+
+def marked_series(names: Collection[str], marks: str) -> list[tuple[str, ...]]:
+    """Return the names that differ in one letter alone, each of the marks in turn, all small or all capitals."""
+    series = (
+        tuple(name[:position] + mark + name[position + 1 :] for mark in letters)
+        for name in names
+        for letters in dict.fromkeys((marks, marks.upper()))
+        for position, letter in enumerate(name)
+        if letter == letters[0]
+    )
+    return [one for one in series if all(name in names for name in one)]
+
+
+def is_quaternion(values: Floats) -> bool:
+    """Return whether columns (N, 4) are a unit quaternion's, with zeros or nothing where it is unknown."""
+    norm = np.linalg.norm(values[np.isfinite(values).all(axis=1)], axis=1)
+    unit = np.abs(norm - 1.0) < UNIT_NORM
+    return bool(unit.any() and np.mean(unit | (norm == 0.0)) > UNIT_ROWS)
+
+
+#: what the values of columns of an attitude look like
+ATTITUDE_LOOKS = ("a quaternion", "angles of 0 to 360 degrees")
+#: part of its range by which an angle of 0 to 360 degrees comes near both ends
+_NEAR_ENDS = 0.05
+
+
+def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str]:
+    """Return the columns without a role, each with what its values look like; empty if they do not show it."""
+    used = {roles.time, *roles.attitude, *roles.angles, *roles.commands, *roles.gyro, *roles.quaternion}
+    rest = {name: values for name, values in columns.items() if name not in used | {*QUATERNION_ANGLES}}
+    looks, names = dict[str, str](), list(rest)
+    for name, values in rest.items():
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+        in_a_turn = 0.0 <= low < 360.0 * _NEAR_ENDS and 360.0 * (1.0 - _NEAR_ENDS) < high <= 360.0
+        alike = (np.diff(known) == np.diff(known[:2])).all() and high > low
+        turned = ATTITUDE_LOOKS[1] if in_a_turn else ""
+        looks[name] = "constant" if low == high else turned or ("a counter" if alike else "")
+    for k in range(len(names) - 3):
+        if is_quaternion(np.column_stack([rest[name] for name in names[k : k + 4]])):
+            looks |= dict.fromkeys(names[k : k + 4], ATTITUDE_LOOKS[0])
+    return looks
 
 
 def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
@@ -401,11 +468,15 @@ def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
     return ()
 
 
-def _half_turn(roll: Floats, unit: str | None) -> float | None:
-    """Return half a turn in the unit of a roll (N,) that shows an IMU upside down; None if it shows none."""
-    known = roll[np.isfinite(roll)]
-    for angle_unit, half in (("deg", 180.0), ("rad", np.pi)):
-        near = np.abs(np.abs(known) - half) < UPSIDE_DOWN * 2.0 * half
-        if unit in (None, angle_unit) and len(known) and near.mean() > UPSIDE_DOWN_ROWS:
-            return half
+def _turn_near(angles: Floats, part: float, unit: str | None) -> float | None:
+    """Return a turn in the unit of angles (N,) near half a turn, or from zero to one near its ends, as `part` says.
+
+    None if they are not there: an IMU upside down has its roll near half a turn.
+    """
+    known = angles[np.isfinite(angles)]
+    for angle_unit, turn in (("deg", 360.0), ("rad", 2.0 * np.pi)):
+        near = np.abs(within_half_a_turn(known - part * turn, 0.5 * turn)) < UPSIDE_DOWN * turn
+        inside = part < 1.0 or (known.min(initial=0.0) >= 0.0 and 0.5 * turn < known.max(initial=0.0) <= turn)
+        if unit in (None, angle_unit) and known.size and inside and near.mean() > UPSIDE_DOWN_ROWS:
+            return turn
     return None

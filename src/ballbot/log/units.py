@@ -1,8 +1,12 @@
-"""Find the units of a foreign file's time, wheels and lean: from its headings, else from the physics.
+"""Decide the unit of a quantity: by its name, its size, the columns that it must agree with, and the robot.
 
-A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
-lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
-with the heading, which must be that of a ball that does not pivot.
+Every command asks here. A unit in a name is taken. A column whose derivative, integral or copy stands beside it varies
+as much as that: a ratio that is the factor of a unit is one (`unit_of_ratio`), and a contradiction. It is an error that
+proposes the factor, and never changes data.
+
+Without a name, every choice of units of a foreign log has a weight: the encoder's step, the size of the lean, and the
+response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels with the
+heading, which must be that of a ball that does not pivot.
 """
 
 import math
@@ -15,11 +19,10 @@ import numpy as np
 from ballbot.arrays import Floats
 from ballbot.log.columns import FACTORS
 from ballbot.log.evidence import probabilities
+from ballbot.log.imu_angles import integral_of
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 
-#: intervals between rows that a log may have [s]
-INTERVALS = (2e-4, 0.2)
 #: a balancing robot's lean is within this in nine tenths of the rows [rad], and hardly ever within this [deg]
 LEAN_IN_RADIANS, LEAN_IN_DEGREES = 0.35, 0.15
 #: a step that agrees with an encoder's this well is that encoder's
@@ -31,6 +34,59 @@ BEYOND_LIMIT = 1.5
 GAIN_DEVIATION, TURNING_DEVIATION, PIVOTS = 0.25, 0.1, 0.15
 #: log weights: of steps of one count, and whole numbers that are counts
 ONE_COUNT, WHOLE = 5.0, 8.0
+#: [s] over which the changes of two signals are compared: a lean's noise (a few milliradians) and a gyro's drift are
+#: both small then
+COMPARED_TIME = 0.5
+#: rows to compare at intervals longer than this [s], since the unit of time may be wrong
+SLOW_ROWS, SLOW = 100, 0.2
+FEWEST_ROWS = 40  #: for a comparison
+
+#: the correlation of two signals that should be the same, and the ratio of their standard deviations with its sign
+Agreement = tuple[float, float]
+
+
+def agreement(first: Floats, second: Floats) -> Agreement | None:
+    """Compare two signals (N,) at the rows where both are finite; None if these are too few."""
+    both = np.isfinite(first) & np.isfinite(second)
+    a, b = first[both], second[both]
+    if both.sum() < FEWEST_ROWS or not (a.std() > 0.0 and b.std() > 0.0):
+        return None
+    correlation = float(np.corrcoef(a, b)[0, 1])
+    return correlation, float(np.copysign(a.std() / b.std(), correlation))
+
+
+def change_agreement(t: Floats, first: Floats, second: Floats) -> Agreement | None:
+    """Compare the changes of two signals (N,) over half a second, at times (N,) [s]; None if these are too few."""
+    known = np.isfinite(first) & np.isfinite(second)
+    t, table = t[known], np.column_stack([first, second])[known]
+    if len(t) < FEWEST_ROWS:
+        return None
+    usual = float(np.median(np.diff(t)))
+    rows = int(np.clip(SLOW_ROWS if usual >= SLOW else round(COMPARED_TIME / usual), 1, len(t) // 4))
+    spans, changes = t[rows:] - t[:-rows], table[rows:] - table[:-rows]
+    return agreement(*changes[spans < 3.0 * np.median(spans)].T)  # not over a gap, where the rate is unknown
+
+
+def integrated(t: Floats, rate: Floats) -> Floats:
+    """Return the integral (N,) of a rate over times (N,) [s] from its first known value; what is missing stays so."""
+    known, integral = np.isfinite(rate), np.full(len(rate), np.nan)
+    integral[known] = integral_of(t[known], rate[known]) if known.any() else 0.0
+    return integral
+
+
+def unit_of_ratio(ratio: float, unit: str, *, within: float) -> str | None:
+    """Return the unit of values that are `ratio` times as large as in Ballbot's `unit`; None if no factor is near.
+
+    The nearest is taken if it is not Ballbot's own, and is away by less than the factor `within`.
+
+    >>> unit_of_ratio(57.0, "rad", within=1.1), unit_of_ratio(1.02, "m", within=1.1)
+    ('deg', None)
+    """
+    off = (
+        {name: abs(math.log(ratio * factor)) for name, factor in FACTORS[unit].items()} if ratio > 0.0 else {}
+    )
+    nearest = min(off, key=lambda name: off[name], default=unit)
+    return nearest if nearest != unit and off[nearest] < math.log(within) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,17 +100,6 @@ class Unit:
 
 
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
-
-
-def time_unit(t: Floats, named: str | None) -> Unit | None:
-    """Return the unit of a column of times (N,) by its intervals; None if none makes it a log's, or the name's."""
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    for unit, factor in FACTORS["s"].items():
-        if INTERVALS[0] <= usual * factor < INTERVALS[1] and named in (None, unit):
-            reason = f"rows come every {1e3 * usual * factor:.4g} ms"
-            return Unit(name=unit, factor=factor, reason=reason)
-    return None
 
 
 def wheel_units(

@@ -1,0 +1,285 @@
+"""Logs whose columns contradict each other, or were not read, each with a sound twin, drawn by a seed.
+
+python -m tests.support.contradicting_logs SEED COUNT    the outcomes of so many logs of each kind, and of their twins
+
+A kind writes a log, gives it to what its command calls, and returns the outcome: "right" if the result is the truth,
+"refused" if an error names what is wrong, "wrong" otherwise. A sound twin has no fault of its kind, and must be right.
+"""
+
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ballbot.arrays import Floats
+from ballbot.errors import InputError
+from ballbot.findings import stop_on_errors
+from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.motion_capture import clock_findings
+from ballbot.log import Log
+from ballbot.log.columns import FACTORS
+from ballbot.log.formats.text import write_text_table
+from ballbot.log.mapping_search.motion import Stated
+from ballbot.log.proposal import Proposal, evaluate, propose
+from ballbot.validation.alignment import align
+from tests.support.alignment_examples import Setup, record
+from tests.support.axis_machines import Logging, Machine, record_of
+from tests.support.foreign_log_examples import (
+    COURSE,
+    foreign_columns,
+    small_robot,
+    swaying_log,
+    write_foreign,
+)
+
+Outcome = Literal["right", "refused", "wrong"]
+Random = np.random.Generator
+Kind = Callable[[Path, Random, bool], Outcome]
+#: units of motions, by Ballbot's, in which people log
+_MOTION_UNITS = {
+    "rad": ("deg", "turn", "mrad"),
+    "rad/s": ("rpm", "deg/s", "turn/s"),
+    "m": ("mm", "cm"),
+    "m/s": ("mm/s", "cm/s"),
+}
+#: how names that are a unit alone write it
+_SPELLED = {"deg/s": "dps", "turn/s": "revs_per_s", "mm/s": "mm/s", "cm/s": "cm/s"}
+
+
+def _axis(random: Random) -> tuple[Literal["m", "rad"], dict[str, Floats]]:
+    """Return the unit of a drawn axis, and its time, position, velocity and force."""
+    slides = random.random() < 0.4
+    size = float(np.exp(random.uniform(np.log(0.3), np.log(3.0))))
+    machine = Machine(kind="cart", inertia=20.0 * size, viscous=40.0, coulomb=6.0)
+    if not slides:
+        machine = Machine(kind="wheel", inertia=2e-3 * size, viscous=3e-3, coulomb=0.02)
+    reach = 0.2 if slides else float(random.uniform(0.5, 6.0))
+    logging = Logging(duration=8.0, rate=float(random.choice([100.0, 250.0])), amplitude=reach)
+    drawn = record_of(machine, logging, int(random.integers(1000)))
+    velocity = np.gradient(drawn.position, drawn.t)
+    unit = "m" if slides else "rad"
+    return unit, {"t": drawn.t, "position": drawn.position, "velocity": velocity, "force": drawn.force}
+
+
+def _judged_axis(path: Path, columns: AxisColumns, truth: dict[str, Floats]) -> Outcome:
+    """Return the outcome of reading a record whose position and force are known."""
+    try:
+        read = read_axis_record(path, columns)
+        stop_on_errors(record_findings(read))
+    except InputError as error:
+        return "refused" if "--accept unit" in str(error) else "wrong"
+    sizes = [
+        (np.std(position), np.std(force))
+        for position, force in ((read.position, read.force), (truth["position"], truth["force"]))
+    ]
+    return "right" if np.allclose(*sizes, rtol=0.02) else "wrong"
+
+
+def named_by_its_unit(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Write a column whose name is its unit, or which has its unit at the end of its name."""
+    unit, motion = _axis(random)
+    kind = str(random.choice(["position", "velocity"]))
+    ballbots = unit if kind == "position" else f"{unit}/s"
+    other = str(random.choice(_MOTION_UNITS[ballbots]))
+    name = f"{kind}_{other}" if sound else _SPELLED.get(other, other)
+    values = motion[kind] / FACTORS[ballbots][other]
+    write_text_table(folder / "a.csv", {"t": motion["t"], name: values, "force": motion["force"]})
+    columns = AxisColumns(**{kind: name}, unit=unit)  # pyright: ignore[reportArgumentType]
+    return _judged_axis(folder / "a.csv", columns, motion)
+
+
+def beside_another_unit(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Write a position, or a velocity, that is in another unit than the column of the same motion beside it."""
+    unit, motion = _axis(random)
+    kind, beside = random.permutation(["position", "velocity"]).tolist()
+    ballbots = unit if kind == "position" else f"{unit}/s"
+    other = str(random.choice(_MOTION_UNITS[ballbots]))
+    used = motion[kind] / (1.0 if sound else FACTORS[ballbots][other])
+    size = float(np.std(motion[beside]))
+    rest = motion[beside] + random.uniform(0.0, 0.01) * size * random.standard_normal(len(used))
+    table = {"t": motion["t"], "used": used, "rest": rest, "force": motion["force"]}
+    if random.random() < 0.5:  # the motor's, before its gear
+        table["motor"] = motion["velocity"] * random.uniform(3.0, 40.0)
+    write_text_table(folder / "a.csv", table)
+    columns = AxisColumns(**{kind: "used"}, unit=unit)  # pyright: ignore[reportArgumentType]
+    return _judged_axis(folder / "a.csv", columns, motion)
+
+
+def without_a_factor(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Write a position in counts, or a force that is a current, with and without its factor."""
+    unit, motion = _axis(random)
+    factor = float(random.uniform(1e-4, 1e-2))
+    name, key = ("position_counts", "position") if random.random() < 0.5 else ("motor_amps", "force")
+    table = {"t": motion["t"], "position": motion["position"], "force": motion["force"]}
+    table[name] = table.pop(key) / factor
+    write_text_table(folder / "a.csv", table)
+    columns = AxisColumns(unit=unit, position="position")
+    scale = f"{factor:.9g}" if sound else None
+    columns = replace(columns, **{key: name, f"{key}_scale": scale})
+    return _judged_axis(folder / "a.csv", columns, motion)
+
+
+def _filmed(random: Random) -> tuple[Log, Log]:
+    """Return a drawn run's log and motion capture, in any frame and with any lever arm."""
+    turn = (Rotation.from_rotvec(random.uniform(-1.0, 1.0, 3)) for _ in range(2))
+    return record(
+        Setup(
+            seed=int(random.integers(1000)),
+            duration=25.0,
+            offset=float(random.uniform(-20.0, 20.0)),
+            camera_world=next(turn),
+            body_marker=next(turn),
+            lever=(0.0, 0.0, float(random.uniform(0.0, 0.5))),
+            heading_drift=float(random.uniform(-1e-3, 1e-3)),
+            wheel_scale=float(random.uniform(0.85, 1.15)),
+        )
+    )
+
+
+def _judged_film(log: Log, film: Log, code: str) -> Outcome:
+    """Return the outcome of an alignment: right only if its path is the log's."""
+    try:
+        stop_on_errors(clock_findings(film))
+        found = align(log, film)
+        stop_on_errors(found.doubts)
+    except InputError as error:
+        return "refused" if f"--accept {code}" in str(error) else "wrong"
+    return "right" if found.path and 0.8 < found.path.scale < 1.2 else "wrong"
+
+
+def film_in_another_unit(_: Path, random: Random, sound: bool) -> Outcome:
+    """Film the positions in mm or cm."""
+    log, film = _filmed(random)
+    factor = 1.0 if sound else float(random.choice([100.0, 1000.0]))
+    return _judged_film(log, film.with_columns({name: factor * film[name] for name in "xyz"}), "unit")
+
+
+def film_with_another_clock(_: Path, random: Random, sound: bool) -> Outcome:
+    """Film with a clock in ms or us."""
+    log, film = _filmed(random)
+    factor = 1.0 if sound else float(random.choice([1e3, 1e6]))
+    try:
+        film = film.with_columns({"t": factor * film.t})
+    except InputError as error:  # a week or more in seconds
+        return "refused" if "t is in seconds; convert it" in str(error) else "wrong"
+    return _judged_film(log, film, "time-scale")
+
+
+def film_in_a_mirror(_: Path, random: Random, sound: bool) -> Outcome:
+    """Film with one axis of the positions negated, and in half of the films the orientations of that frame, too."""
+    log, film = _filmed(random)
+    axis = str(random.choice([*"xyz"]))
+    if not sound:
+        turned = random.random() < 0.5
+        others = [f"q{other}" for other in "xyz" if other != axis and turned]
+        film = film.with_columns({name: -film[name] for name in (axis, *others)})
+    return _judged_film(log, film, "mirrored")
+
+
+def _foreign(random: Random) -> dict[str, Floats]:
+    """Return the columns of a drawn team's log of the swaying robot."""
+    order = tuple(random.permutation(3).tolist())
+    turn = float(np.radians(random.choice([0.0, 30.0, 90.0, -60.0])))
+    sign = int(random.choice([-1, 1]))
+    return foreign_columns(replace(COURSE, order=order, signs=(sign,) * 3, turn=turn))
+
+
+def _judged_foreign(folder: Path, table: dict[str, Floats]) -> tuple[Outcome, Proposal]:
+    """Return the outcome of a proposed mapping: right if lean, speeds and torques of its log have their true sizes."""
+    path = write_foreign(folder / "run.txt", table)
+    found = evaluate(propose(path, small_robot(), Stated(command="duty")))
+    if found.refusal or found.log is None:
+        return "refused", found
+    log, truth = found.log, swaying_log()
+    inside = truth.between(float(log.t[0]), float(log.t[-1]))
+    sizes = [
+        (np.hypot(one["theta"], one["phi"]).std(), one.wheel_speeds.std(), one.torques.std())
+        for one in (log, inside)
+    ]
+    return ("right" if np.allclose(*sizes, rtol=0.25) else "wrong"), found
+
+
+def quaternion_by_number(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log a quaternion in numbered columns, its scalar first or last, or in columns that nothing names."""
+    table = _foreign(random)
+    names = [name for name in table if name.startswith("theta")]
+    angles = np.radians(np.column_stack([table.pop(name) for name in names]))[:, ::-1]
+    wxyz = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
+    last = bool(random.random() < 0.5)
+    named = ["q{}", "quat_{}", "orientation[{}]"][random.integers(3)]
+    names = [named.format(k) for k in range(4)]
+    if sound:
+        names, last = [f"quat_{mark}" for mark in "wxyz"], False
+    unnamed = not sound and random.random() < 0.3
+    names = ["alpha", "bx", "gam", "del"] if unnamed else names
+    table |= dict(zip(names, wxyz.T[[1, 2, 3, 0] if last else [0, 1, 2, 3]], strict=True))
+    outcome, found = _judged_foreign(folder, table)
+    said = any(finding.code == "unknown" and "quaternion" in finding.text for finding in found.findings)
+    return "wrong" if outcome == "refused" and not said else outcome
+
+
+def lean_of_a_full_turn(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log roll and pitch from zero to a full turn, in degrees or radians."""
+    table = _foreign(random)
+    radians = bool(random.random() < 0.4)
+    for name in ("theta_x", "theta_y"):
+        table[name] = table[name] if sound else np.mod(table[name], 360.0)
+    for name in ("theta_x", "theta_y", "theta_z"):
+        table[name] = np.radians(table[name]) if radians else table[name]
+    return _judged_foreign(folder, table)[0]
+
+
+def duty_beyond_full(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log commands that are a little beyond full duty in a few rows, where the driver clips them."""
+    table = _foreign(random)
+    full = float(random.choice([1.0, 255.0, 1000.0]))
+    for name in ("u1", "u2", "u3"):
+        table[name] = full * table[name]
+        rows = random.integers(len(table[name]), size=int(random.integers(1, 8)))
+        peak = full * (1.0 if sound else random.uniform(1.02, 1.3))
+        table[name][rows] = np.sign(table[name][rows]) * peak
+        table[name] = table[name] if full == 1.0 else np.round(table[name])
+    return _judged_foreign(folder, table)[0]
+
+
+KINDS: dict[str, Kind] = {
+    kind.__name__: kind
+    for kind in (
+        named_by_its_unit,
+        beside_another_unit,
+        without_a_factor,
+        film_in_another_unit,
+        film_with_another_clock,
+        film_in_a_mirror,
+        quaternion_by_number,
+        lean_of_a_full_turn,
+        duty_beyond_full,
+    )
+}
+
+
+def outcomes(name: str, *, seed: int, sound: bool) -> Outcome:
+    """Return the outcome of a kind's log, or its sound twin, by a seed."""
+    random = np.random.default_rng([*KINDS].index(name) * 1_000_003 + seed)
+    with tempfile.TemporaryDirectory() as folder:
+        return KINDS[name](Path(folder), random, sound)
+
+
+def main(first: int, count: int) -> None:
+    """Print the outcomes by kind, and the seeds of those that are wrong, or sound and refused."""
+    for name in KINDS:
+        for sound in (False, True):
+            found = {seed: outcomes(name, seed=seed, sound=sound) for seed in range(first, first + count)}
+            bad = [seed for seed, one in found.items() if one == "wrong" or (sound and one != "right")]
+            print(name, "sound" if sound else "", dict(Counter(found.values())), bad or "", flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))
