@@ -233,7 +233,7 @@ def test_invalid_validations_are_refused():
     with pytest.raises(InputError, match="phi"):
         validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))
     with pytest.raises(InputError, match="u4, but the robot has 3 wheels"):
-        validate(true_robot(), log.with_columns({"u4": log["u3"]}))
+        validate(true_robot(), log.with_columns({"u4": np.roll(log["u3"], 1)}))
     with pytest.raises(InputError, match="sample time"):
         validate(true_robot(), log.select(slice(None, None, 2)), controller=Controller(true_robot(), gain()))
 
