@@ -62,10 +62,10 @@ def test_a_position_is_the_integral_of_a_velocity(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.position, POSITION - POSITION[0], atol=2e-4)
 
 
-def test_a_constant_column_is_a_number_and_an_added_force_acts(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0), pulses=T)
-    record = read_axis_record(path, AxisColumns(force_scale="kt", added_force="pulses"))
-    np.testing.assert_allclose(record.force, 2.0 * FORCE + T, atol=1e-9)
+def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0))
+    record = read_axis_record(path, AxisColumns(force_scale="kt"))
+    np.testing.assert_allclose(record.force, 2.0 * FORCE, atol=1e-9)
 
 
 def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("columns", "changes", "sentence"),
     [
-        ({"added_force": "pulses"}, {}, "called pulses; .*--added-force NAME"),
+        ({"force": "pulses"}, {}, "called pulses; .*--force NAME"),
         (
             {"force_scale": "t"},
             {},
@@ -119,19 +119,21 @@ def test_units_in_a_file_are_converted_unless_a_factor_is_given(tmp_path, names,
     assert ("unit" in {one.code for one in record.findings}) == (set(factors) != {1.0})
 
 
-def test_a_mapping_gives_names_units_scales_and_delays(tmp_path: Path) -> None:
-    path, mapping = written(tmp_path / "a.csv", q=POSITION / 0.01, late=FORCE / 2.0), tmp_path / "axis.toml"
+def test_a_mapping_gives_names_units_scales_delays_and_a_further_force(tmp_path: Path) -> None:
+    columns, mapping = {"q": POSITION / 0.01, "late": FORCE / 2.0, "pulses": T}, tmp_path / "axis.toml"
+    path = written(tmp_path / "a.csv", **columns)
     lines = (
         't = { from = "t", unit = "ms" }',
         'axis_angle = { from = "q", scale = 0.01 }',
         'axis_torque = { from = "late", scale = 2, delay = 4e-6 }',
+        'axis_torque_added = "pulses"',
     )
     mapping.write_text("\n".join(["[columns]", *lines]))
     record = read_axis_record(path, mapping=mapping)
     assert (record.unit, record.sample_time) == ("rad", pytest.approx(2e-6))
     # two rows of delay, whose values lie past the last rows of the file
     np.testing.assert_allclose(record.position, POSITION[:-2], atol=1e-9)
-    np.testing.assert_allclose(record.force, FORCE[2:], atol=1e-6)
+    np.testing.assert_allclose(record.force, FORCE[2:] + T[:-2], atol=1e-6)
     with pytest.raises(InputError, match="leave out the options"):
         read_axis_record(path, AxisColumns(force="late"), mapping=mapping)
 
@@ -146,7 +148,7 @@ def test_failed_readings_of_a_position_are_missing(tmp_path: Path) -> None:
 
 def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", position_rad=POSITION)
-    with pytest.raises(InputError, match=r"the unit 'rad' cannot be converted to m.* Give --unit rad"):
+    with pytest.raises(InputError, match=r"give --unit rad, .*the unit 'rad' cannot be converted to m"):
         read_axis_record(path, AxisColumns(position="position_rad"))
 
 

@@ -176,9 +176,6 @@ class AxisColumns:
     """Factor from that variable to newtons or newton metres, below zero if it acts the other way: a number, or a
     variable of the file. If not given, that of the file's unit."""
 
-    added_force: str | None = None
-    """The variable with an additional force on the axis, such as a measured disturbance, in newtons (newton metres)."""
-
     unit: Literal["m", "rad"] = "m"
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
@@ -190,8 +187,8 @@ class AxisColumns:
 _BY_DEFAULT = AxisColumns()
 #: by the unit of positions, the columns of a log that the options name
 _OWN = {
-    "m": {"position": "axis_position", "velocity": "axis_position_dot", "force": "axis_force"},
-    "rad": {"position": "axis_angle", "velocity": "axis_angle_dot", "force": "axis_torque"},
+    "m": {"time": "t", "position": "axis_position", "velocity": "axis_position_dot", "force": "axis_force"},
+    "rad": {"time": "t", "position": "axis_angle", "velocity": "axis_angle_dot", "force": "axis_torque"},
 }
 
 
@@ -201,8 +198,8 @@ def read_axis_record(
     """Read a record from a file, by a mapping (`ballbot.log.mapping`), or by that which the names `given` make.
 
     A mapping has t, axis_force and axis_position or axis_position_dot; of an axis that turns, axis_torque and
-    axis_angle or axis_angle_dot. InputError if the file cannot be read, a column is missing, or the rows do not make a
-    record.
+    axis_angle or axis_angle_dot. A further force is axis_force_added or axis_torque_added. InputError if the file
+    cannot be read, a column is missing, or the rows do not make a record.
 
     >>> t = 0.01 * np.arange(300)
     >>> rows = np.column_stack([t, np.cos(t), 1e3 * np.sin(t)])
@@ -246,7 +243,6 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
     columns, own = dict(table.columns), _OWN[given.unit]
     motion = "velocity" if given.velocity and given.position is None else "position"
     named = {"time": given.time, motion: getattr(given, motion) or "position", "force": given.force}
-    named |= {"added-force": given.added_force} if given.added_force else {}
     rows = max(len(columns.get(name, ())) for name in named.values())
     if is_number(given.time) or len(columns.get(given.time, ())) == 1:
         columns[given.time] = _number(columns, given.time, "--time") * np.arange(rows, dtype=np.float64)
@@ -257,23 +253,18 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
             f"{' (or --time 0.001, the time between rows)' if 'time' in lacking else ''}; "
             f"{suggest(next(iter(lacking.values())), columns, otherwise='it has')}"
         )
-    of_log = {"time": "t", **own, "added-force": f"{own['force']}_added"}
-    units = {key: stated_unit(name, table.units) for key, name in named.items() if key != "added-force"}
-    entries = {of_log[key]: ColumnTable(source=named[key], unit=units.get(key)) for key in named}
+    units = {name: stated_unit(name, table.units) for name in named.values()}
+    entries = {own[key]: ColumnTable(source=name, unit=units[name]) for key, name in named.items()}
     if given.force_scale is not None:
         scale = _number(columns, given.force_scale, "--force-scale")
         entries[own["force"]] = ColumnTable(source=given.force, scale=scale)
-    by = LogMapping(columns=entries)
-    try:
-        for name, source in by.sources.items():
-            if entries[name].unit and source.factor != 1.0:
-                text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."
-                changes.append(note("unit", text, source.column))
-    except InputError as error:
-        other = "rad" if given.unit == "m" else "m"
-        raise InputError(
-            f"{error}. Give --unit {other}, --force-scale, or the factor in a --mapping."
-        ) from None
+    by, other = LogMapping(columns=entries), "rad" if given.unit == "m" else "m"
+    with about(f"give --unit {other}, --force-scale, or the factor in a --mapping"):
+        sources = by.sources.items()
+    for name, source in sources:
+        if entries[name].unit and source.factor != 1.0:
+            text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."
+            changes.append(note("unit", text, source.column))
     return {name: values for name, values in columns.items() if len(values) == rows}, by
 
 
