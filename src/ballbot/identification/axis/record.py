@@ -193,9 +193,9 @@ _OWN = {
 
 
 def read_axis_record(
-    path: str | Path, given: AxisColumns = _BY_DEFAULT, *, mapping: str | Path | LogMapping | None = None
+    path: str | Path, columns: AxisColumns = _BY_DEFAULT, *, mapping: str | Path | LogMapping | None = None
 ) -> AxisRecord:
-    """Read a record from a file, by a mapping (`ballbot.log.mapping`), or by that which the names `given` make.
+    """Read a record from a file, by a mapping (`ballbot.log.mapping`), or by the one that named `columns` make.
 
     A mapping has t, axis_force and axis_position or axis_position_dot; of an axis that turns, axis_torque and
     axis_angle or axis_angle_dot. A further force is axis_force_added or axis_torque_added. InputError if the file
@@ -208,22 +208,22 @@ def read_axis_record(
     >>> float(np.ptp(record.position).round(1))  # [m]
     1.0
     """
-    path, notes, changes = Path(path), list[str](), list[Finding]()
+    path, notes, changes, units = Path(path), list[str](), list[Finding](), dict[str, str]()
     if mapping is None:
-        table = read_variables(path, names=given_names(given.columns))
+        table = read_variables(path, names=given_names(columns.columns))
         table.need_names(path, "t,position,force")
-        notes += table.notes
+        notes, units = [*table.notes], dict(table.units)
         with about(path.name):
-            columns, by = _named(table, given, changes)
-    elif given != _BY_DEFAULT:
+            variables, by = _named(table, columns, changes)
+    elif columns != _BY_DEFAULT:
         raise InputError("--mapping names columns, units and scales; leave out the options that name them.")
     else:
-        table, by = ForeignTable(columns={}), read_mapping(mapping)
-        columns = read_columns(path, by.file, used=by.used_columns, notes=notes)
+        by = read_mapping(mapping)
+        variables = read_columns(path, by.file, used=by.used_columns, notes=notes)
     unit = "rad" if "axis_torque" in by.columns else "m"
     own = _OWN[unit]
     with about(path.name):
-        rows, t = timed_rows(by, columns, notes)
+        rows, t = timed_rows(by, variables, notes)
         changes += [note("file", sentence) for sentence in notes]
         log = _complete(Log(apply_mapping(by, rows, changes=changes)))
         force = log[own["force"]] + log.columns.get(f"{own['force']}_added", 0.0)
@@ -234,7 +234,7 @@ def read_axis_record(
     if by.columns[moving].scale == 1.0:
         used = {source.column for source in by.sources.values()}
         others = {name: np.interp(log.t, t, rows[name]) for name in rows if name not in used}
-        changes += _contradiction(log.t, position, (moving, source.column), others, table.units)
+        changes += _contradiction(log.t, position, (moving, source.column), others, units)
     return record_of_rows(path.name, log.t, force, position, unit=unit, findings=tuple(changes))
 
 
