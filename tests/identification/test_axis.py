@@ -21,7 +21,7 @@ EMPS = AxisColumns(position="qm", force="vir", force_scale="gtau")
     ("words", "sentence"),
     [
         (["--position", "possition"], "did you mean 'position'?"),
-        (["--time-scale", "-1"], "--time-scale is -1; it must be above zero"),
+        (["--time", "-1"], "--time is -1: give a number above zero"),
         (["--law", "magic"], "There is no friction law 'magic' (--law); the laws are viscous, coulomb"),
         (["--gravity"], "Gravity on a sliding axis does not vary with its position"),
         (["{file}"], "have the same name"),

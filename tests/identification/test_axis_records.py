@@ -37,12 +37,12 @@ def test_rows_without_times_come_at_the_interval_that_is_given(tmp_path: Path) -
     """Public records often have their sample time in a text, or as a variable of one value."""
     path = tmp_path / "a.mat"
     variables = {"position": POSITION, "force": FORCE}
-    scipy.io.savemat(path, variables | {"Ts": 2.0})
-    for columns in (AxisColumns(time="0.002"), AxisColumns(time="Ts", time_scale="0.001")):
-        record = read_axis_record(path, columns)
+    scipy.io.savemat(path, variables | {"Ts": 2e-3})
+    for time in ("0.002", "Ts"):
+        record = read_axis_record(path, AxisColumns(time=time))
         assert record.even
         np.testing.assert_allclose(record.t, T, atol=1e-12)
-    with pytest.raises(InputError, match="--time is 0; give the variable"):
+    with pytest.raises(InputError, match="--time is 0: give a number above zero"):
         read_axis_record(path, AxisColumns(time="0"))
 
 
@@ -62,10 +62,10 @@ def test_a_position_is_the_integral_of_a_velocity(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.position, POSITION - POSITION[0], atol=2e-4)
 
 
-def test_a_constant_column_is_a_number_and_an_added_force_acts(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0), pulses=T)
-    record = read_axis_record(path, AxisColumns(force_scale="kt", added_force="pulses"))
-    np.testing.assert_allclose(record.force, 2.0 * FORCE + T, atol=1e-9)
+def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0))
+    record = read_axis_record(path, AxisColumns(force_scale="kt"))
+    np.testing.assert_allclose(record.force, 2.0 * FORCE, atol=1e-9)
 
 
 def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) -> None:
@@ -78,8 +78,12 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("columns", "changes", "sentence"),
     [
-        ({"added_force": "pulses"}, {}, "no variable 'pulses' for --added-force"),
-        ({"force_scale": "t"}, {}, "'t' has 600 different values; it must be one number"),
+        ({"force": "pulses"}, {}, "called pulses; .*--force NAME"),
+        (
+            {"force_scale": "t"},
+            {},
+            "--force-scale is t: give a number other than zero, or a column with one value",
+        ),
         ({}, {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)}, "force is missing or .* in row 1"),
         ({}, {"t": T[::-1].copy()}, "Time decreases at row 2"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
@@ -97,12 +101,7 @@ def test_bad_files_and_columns_answer_with_their_cause(tmp_path, columns, change
         ("t,position,force", "[ms],[mm],[N]", {}, (1e-3, 1e-3, 1.0)),
         ("t,position,force", "s,°,mNm", {"unit": "rad"}, (1.0, np.pi / 180.0, 1e-3)),
         ("t,position [cm],force", "", {"position": "position [cm]"}, (1.0, 0.01, 1.0)),
-        (
-            "t,position,force",
-            "s,deg,A",
-            {"position_scale": "0.5", "force_scale": "3", "unit": "rad"},
-            (1.0, 0.5, 3.0),
-        ),
+        ("t,position,force", "s,deg,A", {"force_scale": "3", "unit": "rad"}, (1.0, np.pi / 180.0, 3.0)),
         ("t_ms,position_deg,force_mNm", "", {"unit": "rad"}, (1e-3, np.pi / 180.0, 1e-3)),
         ("t,position_m,force_A", "", {"unit": "rad"}, (1.0, 1.0, 1.0)),
     ],
@@ -117,13 +116,39 @@ def test_units_in_a_file_are_converted_unless_a_factor_is_given(tmp_path, names,
     assert record.sample_time == pytest.approx(2e-3 * of_time)
     np.testing.assert_allclose(record.position, of_position * POSITION, atol=1e-9)
     np.testing.assert_allclose(record.force, of_force * FORCE, rtol=1e-6, atol=1e-9)
-    converted = set(factors) != {1.0} and "position_scale" not in columns
-    assert ("unit" in {one.code for one in record.findings}) == converted
+    assert ("unit" in {one.code for one in record.findings}) == (set(factors) != {1.0})
+
+
+def test_a_mapping_gives_names_units_scales_delays_and_a_further_force(tmp_path: Path) -> None:
+    columns, mapping = {"q": POSITION / 0.01, "late": FORCE / 2.0, "pulses": T}, tmp_path / "axis.toml"
+    path = written(tmp_path / "a.csv", **columns)
+    lines = (
+        't = { from = "t", unit = "ms" }',
+        'axis_angle = { from = "q", scale = 0.01 }',
+        'axis_torque = { from = "late", scale = 2, delay = 4e-6 }',
+        'axis_torque_added = "pulses"',
+    )
+    mapping.write_text("\n".join(["[columns]", *lines]))
+    record = read_axis_record(path, mapping=mapping)
+    assert (record.unit, record.sample_time) == ("rad", pytest.approx(2e-6))
+    # two rows of delay, whose values lie past the last rows of the file
+    np.testing.assert_allclose(record.position, POSITION[:-2], atol=1e-9)
+    np.testing.assert_allclose(record.force, FORCE[2:] + T[:-2], atol=1e-6)
+    with pytest.raises(InputError, match="leave out the options"):
+        read_axis_record(path, AxisColumns(force="late"), mapping=mapping)
+
+
+def test_failed_readings_of_a_position_are_missing(tmp_path: Path) -> None:
+    position = 2.0 + POSITION
+    position[::20] = 0.0
+    record = read_axis_record(written(tmp_path / "a.csv", position=position), AxisColumns())
+    assert record.position.min() > 1.0
+    assert "missing" in {one.code for one in record.findings}
 
 
 def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", position_rad=POSITION)
-    with pytest.raises(InputError, match="as rad, and --unit is m; give --unit rad"):
+    with pytest.raises(InputError, match=r"give --unit rad, .*the unit 'rad' cannot be converted to m"):
         read_axis_record(path, AxisColumns(position="position_rad"))
 
 
@@ -140,8 +165,10 @@ def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
 def test_a_position_that_wraps_is_counted_on(tmp_path, position, scale, period):
     position[100] = np.nan
     path = written(tmp_path / "a.csv", position=position)
-    columns = AxisColumns(unit="rad", position_scale=str(scale))
-    record = read_axis_record(path, columns)
+    mapping = tmp_path / "axis.toml"
+    entries = f'axis_angle = {{ from = "position", scale = {scale} }}', 'axis_torque = "force"'
+    mapping.write_text("\n".join(["[columns]", 't = "t"', *entries]))
+    record = read_axis_record(path, mapping=mapping)
     assert np.abs(np.diff(record.position)).max() < 0.1 * period
     found = {one.code for one in record_findings(record) if one.severity != "error"}
     assert "wrap" in found

@@ -88,7 +88,7 @@ def test_a_result_despite_an_accepted_unit_says_so_in_its_first_line(tmp_path, c
         str(tmp_path / "a"),
     ]
     assert main(words) == 2
-    assert "--position-scale 0.0174533" in capsys.readouterr().err
+    assert 'axis_angle = { from = "position", unit = "deg" }' in capsys.readouterr().err
     assert main([*words, "--accept", "unit"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[0].startswith("error (accepted): ")

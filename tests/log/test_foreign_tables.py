@@ -66,3 +66,12 @@ def test_export_of_motion_capture_is_read(cases):
     wxyz = np.column_stack([mocap[name] for name in ("qw", "qx", "qy", "qz")])
     np.testing.assert_allclose(np.linalg.norm(wxyz, axis=1), 1.0, atol=1e-5)
     assert mocap["z"][0] == 1651.926598
+
+
+def test_positions_of_an_export_are_converted_by_the_unit_in_their_names(cases, tmp_path):
+    text = (cases / "motive.csv").read_text()
+    named = text.replace(
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,", "Frame,Time (Seconds),X,Y,Z,W,X [mm],Y [mm],Z [mm],"
+    )
+    (tmp_path / "mocap.csv").write_text(named)
+    assert read_motion_capture(tmp_path / "mocap.csv")["z"][0] == pytest.approx(1.651926598)

@@ -22,10 +22,11 @@ from ballbot.errors import InputError
 from ballbot.findings import stop_on_errors
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from ballbot.identification.motion_capture import clock_findings
 from ballbot.log import Log
+from ballbot.log.clock import clock_findings
 from ballbot.log.columns import FACTORS
 from ballbot.log.formats.text import write_text_table
+from ballbot.log.mapping import ColumnTable, LogMapping
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.validation.alignment import align
@@ -68,13 +69,15 @@ def _axis(random: Random) -> tuple[Literal["m", "rad"], dict[str, Floats]]:
     return unit, {"t": drawn.t, "position": drawn.position, "velocity": velocity, "force": drawn.force}
 
 
-def _judged_axis(path: Path, columns: AxisColumns, truth: dict[str, Floats]) -> Outcome:
+def _judged_axis(path: Path, by: AxisColumns | LogMapping, truth: dict[str, Floats]) -> Outcome:
     """Return the outcome of reading a record whose position and force are known."""
     try:
-        read = read_axis_record(path, columns)
+        read = (
+            read_axis_record(path, by) if isinstance(by, AxisColumns) else read_axis_record(path, mapping=by)
+        )
         stop_on_errors(record_findings(read))
     except InputError as error:
-        return "refused" if "--accept unit" in str(error) else "wrong"
+        return "refused" if "--accept unit" in str(error) or "in a --mapping" in str(error) else "wrong"
     sizes = [
         (np.std(position), np.std(force))
         for position, force in ((read.position, read.force), (truth["position"], truth["force"]))
@@ -120,10 +123,16 @@ def without_a_factor(folder: Path, random: Random, sound: bool) -> Outcome:
     table = {"t": motion["t"], "position": motion["position"], "force": motion["force"]}
     table[name] = table.pop(key) / factor
     write_text_table(folder / "a.csv", table)
-    columns = AxisColumns(unit=unit, position="position")
-    scale = f"{factor:.9g}" if sound else None
-    columns = replace(columns, **{key: name, f"{key}_scale": scale})
-    return _judged_axis(folder / "a.csv", columns, motion)
+    named = {"position": "position", "force": "force", key: name}
+    if not sound:
+        return _judged_axis(folder / "a.csv", AxisColumns(unit=unit, **named), motion)
+    own = {"position": "axis_position", "force": "axis_force"}
+    own = own if unit == "m" else {"position": "axis_angle", "force": "axis_torque"}
+    scales = {"position": 1.0, "force": 1.0, key: factor}
+    columns = {own[k]: ColumnTable(source=named[k], scale=scales[k]) for k in own}
+    return _judged_axis(
+        folder / "a.csv", LogMapping(columns={"t": ColumnTable(source="t"), **columns}), motion
+    )
 
 
 def _filmed(random: Random) -> tuple[Log, Log]:
@@ -146,7 +155,7 @@ def _filmed(random: Random) -> tuple[Log, Log]:
 def _judged_film(log: Log, film: Log, code: str) -> Outcome:
     """Return the outcome of an alignment: right only if its path is the log's."""
     try:
-        stop_on_errors(clock_findings(film))
+        stop_on_errors(clock_findings(film.t, "--mocap-mapping"))
         found = align(log, film)
         stop_on_errors(found.doubts)
     except InputError as error:

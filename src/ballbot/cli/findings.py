@@ -65,11 +65,12 @@ def in_files(named: Iterable[tuple[Path, Iterable[Finding]]]) -> list[Finding]:
 
 def read_motion_capture(path: Path, mapping: Path | None, *, accept: Sequence[str] | None) -> Log:
     """Return motion capture; raise InputError if its clock is in another unit, and that is not accepted."""
-    from ballbot.identification.motion_capture import clock_findings
-    from ballbot.log import Log, pose
+    from ballbot.log import pose
+    from ballbot.log.clock import clock_findings
 
-    mocap = Log.read(path, mapping=mapping) if mapping else pose.read_motion_capture(path)
-    stop_or_show(in_files([(path, clock_findings(mocap))]), accept=accept)
+    mocap = pose.read_motion_capture(path, mapping)
+    found = [*mocap.changes, *clock_findings(mocap.t, "--mocap-mapping")]
+    stop_or_show(in_files([(path, found)]), accept=accept)
     return mocap
 
 

@@ -192,6 +192,7 @@ def identify_axis(
     out: options.Out,
     also: Annotated[list[Path] | None, Parameter(negative="")] = None,
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
+    mapping: options.Mapping = None,
     method: Annotated[axis.AxisOptions, Parameter(name="*")] = _METHOD,
     accept: options.Accept = None,
 ) -> None:
@@ -216,7 +217,7 @@ def identify_axis(
     check_codes(accept or (), listed=ERROR_CODES)
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
-    read = [read_axis_record(path, columns) for path in paths]
+    read = [read_axis_record(path, columns, mapping=mapping) for path in paths]
     of_records = ((path, record_findings(own)) for path, own in zip(paths, read, strict=True))
     findings = stop_or_show(in_files(of_records), accept=accept)
     with open_result(out, doing="identifying the axis") as result:

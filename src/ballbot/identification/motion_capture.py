@@ -16,7 +16,6 @@ from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding, error
 from ballbot.identification.turning import ANGLE_NAMES, MotionFit, log_rotations, longest_bridge
 from ballbot.log import Log
-from ballbot.log.clock import units_of_clock
 from ballbot.log.evidence import RELATED
 from ballbot.log.pose import Poses
 from ballbot.log.units import unit_of_ratio
@@ -68,18 +67,6 @@ def stretches(t: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     last = last[first]
     kept = t[last] - t[first] < 1.2 * STRETCH
     return first[kept], last[kept]
-
-
-def clock_findings(mocap: Log) -> list[Finding]:
-    """Return the error of motion capture whose time is in another unit than seconds."""
-    unit = next(iter(units_of_clock(mocap.t)), "s")
-    if unit == "s":
-        return []
-    text = (
-        f"The time of the motion capture looks like {unit}, not s: its rows come every {mocap.sample_time:.4g}. "
-        f'Write t = {{ from = "t", unit = "{unit}" }} into a mapping, and give it with --mocap-mapping.'
-    )
-    return [error("time-scale", text, "t")]
 
 
 def frame_findings(log: Log, seen: SeenRows, motion: MotionFit) -> list[Finding]:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
+from ballbot.findings import Finding
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.units import Unit
+from ballbot.log.units import Unit, looks_like
 
 #: intervals between rows that a log may have [s], and the units in which clocks count
 INTERVALS, _OF_CLOCKS = (2e-4, 0.2), ("s", "ms", "us", "ns")
@@ -151,3 +152,9 @@ def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
                 continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
                 rows.append(row + 1)
     return continued, np.array(rows, dtype=np.intp)
+
+
+def clock_findings(t: Floats, option: str, *, code: str = "time-scale") -> list[Finding]:
+    """Return the error of times (N,) that are in another unit than seconds; `option` takes a mapping of that file."""
+    reason, unit = f"rows come every {_usual_step(t):.4g} s", next(iter(units_of_clock(t)), "s")
+    return [looks_like("t", "t", unit, reason, option, code=code)] if unit != "s" else []

@@ -28,11 +28,13 @@ MAX_WHEELS = 4
 
 _NAMES = {
     "s": "t",
-    "m": "x y ref_x ref_y",
-    "rad": "theta phi psi ref_psi",
-    "m/s": "x_dot y_dot",
-    "rad/s": "theta_dot phi_dot psi_dot gyro_x gyro_y gyro_z ball_omega_x ball_omega_y ball_omega_z",
+    "m": "x y ref_x ref_y axis_position",
+    "rad": "theta phi psi ref_psi axis_angle",
+    "m/s": "x_dot y_dot axis_position_dot",
+    "rad/s": "theta_dot phi_dot psi_dot gyro_x gyro_y gyro_z ball_omega_x ball_omega_y ball_omega_z axis_angle_dot",
     "m/s^2": "acc_x acc_y acc_z",
+    "N": "axis_force axis_force_added",
+    "N m": "axis_torque axis_torque_added",
 }
 _UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
 for _i in range(1, MAX_WHEELS + 1):
@@ -143,6 +145,11 @@ _KINDS: dict[str, dict[str, tuple[float, str]]] = {
         "turn/s": (2.0 * math.pi, "turn/s turns/s rev/s revs/s revps revpersec revpers"),
         "mdeg/s": (math.pi / 180000.0, "mdeg/s mdps mdegps"),
         "mrad/s": (1e-3, "mrad/s mradps"),
+    },
+    "N": {
+        "N": (1.0, "newton newtons"),
+        "kN": (1e3, "kilonewton kilonewtons"),
+        "mN": (1e-3, "millinewton millinewtons"),
     },
     "N m": {
         "N m": (1.0, "nm newtonmeter newtonmeters newtonmetre"),

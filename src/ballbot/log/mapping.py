@@ -531,10 +531,12 @@ def apply_mapping(
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
-    # zero may be a command, or a speed by counts
+    # zero may be a command, a force, or a speed by counts
     others = ("t", "ref_x", "ref_y", "ref_psi", *mapping.commands)
     sensors = [
-        s.column for name, s in mapping.sources.items() if name not in others and not name.endswith("_dot")
+        source.column
+        for name, source in mapping.sources.items()
+        if name not in others and not name.endswith("_dot") and unit_of(name) not in ("N", "N m")
     ]
     table, lost = without_dropouts(table, sensors)
     changes += lost

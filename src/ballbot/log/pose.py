@@ -21,12 +21,14 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError, about
+from ballbot.findings import Finding
 from ballbot.log.clock import clock_unit
-from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, unit_of, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.imu_angles import from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping_search.names import marked_series, quaternions, roles_by_name
+from ballbot.log.mapping import ColumnTable, LogMapping, apply_mapping
+from ballbot.log.mapping_search.names import marked_series, quaternions, roles_by_name, stated_unit
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -230,14 +232,14 @@ class Poses:
         return Poses(t=self.t[seen], rotations=rotations, seen=seen[seen], places=self.places[seen])
 
 
-def read_motion_capture(path: Path) -> Log:
+def read_motion_capture(path: Path, mapping: Path | None = None) -> Log:
     """Read a log of motion capture, or a program's export: a time, and columns of one body that end in W, X, Y, Z.
 
-    InputError if it is neither, or has several bodies.
+    An export is read by the mapping that its names make. InputError if it is neither, or has several bodies.
     """
-    table = read_foreign_table(path)
-    if "t" in table.columns:
-        return Log.read(path)
+    table = None if mapping else read_foreign_table(path)
+    if table is None or "t" in table.columns:
+        return Log.read(path, mapping=mapping)
     columns, roles = table.columns, roles_by_name([*table.columns], wheel_count=0, units=table.units)
     bodies = quaternions(columns)
     if not roles.time or len(bodies) != 1:
@@ -245,11 +247,17 @@ def read_motion_capture(path: Path) -> Log:
             f"{path} has no t, qw, qx, qy, qz and x, y, z, and is no export of one body: it has "
             f"{'a' if roles.time else 'no'} time and {counted(len(bodies), 'unit quaternion')} in {', '.join(columns)}."
         )
-    with about(path):
-        unit = clock_unit(columns[roles.time], roles.time, roles.unit((roles.time,)))
     places = next((one for one in marked_series(columns, "xyz") if not {*one} & {*bodies[0]}), ())
     named = zip(QUATERNION_NAMES + PLACE_NAMES, bodies[0] + places, strict=False)
-    return Log({"t": unit.factor * columns[roles.time], **{name: columns[column] for name, column in named}})
+    with about(path):
+        unit = clock_unit(columns[roles.time], roles.time, roles.unit((roles.time,)))
+        entries = {
+            own: ColumnTable(source=name, unit=unit_of(own) and stated_unit(name, table.units))
+            for own, name in named
+        }
+        by = LogMapping(columns={"t": ColumnTable(source=roles.time, unit=unit.name), **entries})
+        changes = list[Finding]()
+        return Log(apply_mapping(by, columns, changes=changes), changes=tuple(changes))
 
 
 def read_poses(mocap: Log) -> Poses:

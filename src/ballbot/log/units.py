@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 
 from ballbot.arrays import Floats
+from ballbot.findings import Finding, error
 from ballbot.log.columns import FACTORS
 from ballbot.log.evidence import probabilities
 from ballbot.log.imu_angles import integral_of
@@ -87,6 +88,15 @@ def unit_of_ratio(ratio: float, unit: str, *, within: float) -> str | None:
     )
     nearest = min(off, key=lambda name: off[name], default=unit)
     return nearest if nearest != unit and off[nearest] < math.log(within) else None
+
+
+def looks_like(own: str, name: str, unit: str, reason: str, option: str, *, code: str = "unit") -> Finding:
+    """Return the error of a file's column that is in another unit than the log's column `own` is read in."""
+    entry = f'{own} = {{ from = "{name}", unit = "{unit}" }}'
+    text = (
+        f"{name} looks like {unit}: {reason}. If so, write {entry} into a mapping, and give it with {option}."
+    )
+    return error(code, text, name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,7 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import GAP, AxisRecord
-from ballbot.log.clock import units_of_clock
-from ballbot.log.columns import FACTORS
+from ballbot.log.clock import clock_findings
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
@@ -53,11 +52,7 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find a long sample time, gaps, and single positions outside the range by twice its width."""
     h, position, unit = record.sample_time, record.position, record.unit
-    unit_of_t = next(iter(units_of_clock(record.t)), "s")
-    if unit_of_t != "s":
-        factor = FACTORS["s"][unit_of_t]
-        text = f"Rows come every {h:.3g} s: t looks like {unit_of_t}. If so, give --time-scale {factor:g}."
-        yield error("scale", text, "t")
+    yield from clock_findings(record.t, "--mapping", code="scale")
     gaps = len(record.parts) - 1
     if gaps:
         text = (

@@ -3,11 +3,11 @@
 The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
 [kg m^2], forces are torques [N m] and positions angles [rad]. Rows are even; uneven ones are interpolated. Gaps
 divide the record into parts, and no prediction runs across one. Rows with a missing value are left out, which leaves a
-gap. A unit in a file is converted unless an option gives the factor, a position that wraps is unwrapped, and a velocity
-without a position is integrated.
+gap. A file is read as a log is, by a mapping that the user gives or that the names of its columns make; a position that
+wraps is unwrapped, and a velocity without a position is integrated.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,15 +16,18 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.arrays import Bools, Floats, positive_number, real_array
-from ballbot.errors import InputError, about, check_known, either
-from ballbot.findings import Finding, error, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, UNITS, Columns, given_names
-from ballbot.log.formats import read_variables
-from ballbot.log.mapping_search.names import unit_in_name
-from ballbot.log.row_order import check_time, rows_with_times
+from ballbot.arrays import Floats, positive_number, real_array
+from ballbot.errors import InputError, about, either, suggest
+from ballbot.findings import Finding, note, warning
+from ballbot.log import Log
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, given_names, unit_of
+from ballbot.log.formats import read_columns, read_variables
+from ballbot.log.formats.text import ForeignTable, is_number
+from ballbot.log.mapping import ColumnTable, LogMapping, Source, apply_mapping, read_mapping, timed_rows
+from ballbot.log.mapping_search.names import stated_unit
+from ballbot.log.row_order import check_time
 from ballbot.log.signals import unwrapped
-from ballbot.log.units import change_agreement, integrated, unit_of_ratio
+from ballbot.log.units import change_agreement, integrated, looks_like, unit_of_ratio
 from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 
 #: least rows of a record
@@ -160,19 +163,11 @@ class AxisColumns:
     time: str = "t"
     """The variable with the time; or the time between rows [s]: a number, or a variable of one."""
 
-    time_scale: str | None = None
-    """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file. If not
-    given, that of the file's unit."""
-
     position: str | None = None
     """The variable with the position; "position" if neither it nor the velocity is given."""
 
     velocity: str | None = None
     """The variable with the velocity, for a file without a position."""
-
-    position_scale: str | None = None
-    """Factor from the position or the velocity to metres or radians: a number, or a variable. If not given, that of the
-    file's unit."""
 
     force: str = "force"
     """The variable with the force, torque, current or voltage that drives the axis."""
@@ -180,9 +175,6 @@ class AxisColumns:
     force_scale: str | None = None
     """Factor from that variable to newtons or newton metres, below zero if it acts the other way: a number, or a
     variable of the file. If not given, that of the file's unit."""
-
-    added_force: str | None = None
-    """The variable with an additional force on the axis, such as a measured disturbance, in newtons (newton metres)."""
 
     unit: Literal["m", "rad"] = "m"
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
@@ -192,86 +184,22 @@ class AxisColumns:
     Write _ for a column that is not needed."""
 
 
-#: by the unit of positions: the units of each quantity, with the factor to SI units
-_UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
-    "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
-    "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
+_BY_DEFAULT = AxisColumns()
+#: by the unit of positions, the columns of a log that the options name
+_OWN = {
+    "m": {"time": "t", "position": "axis_position", "velocity": "axis_position_dot", "force": "axis_force"},
+    "rad": {"time": "t", "position": "axis_angle", "velocity": "axis_angle_dot", "force": "axis_torque"},
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class _File:
-    """The variables of a file with their units, and the unit of positions that the user gave."""
+def read_axis_record(
+    path: str | Path, columns: AxisColumns = _BY_DEFAULT, *, mapping: str | Path | LogMapping | None = None
+) -> AxisRecord:
+    """Read a record from a file, by a mapping (`ballbot.log.mapping`), or by the one that named `columns` make.
 
-    name: str
-    variables: Columns
-    units: Mapping[str, str]
-    unit: str
-
-    def column(self, name: str, option: str) -> Floats:
-        """Return the variable (N,) that an option names."""
-        sentence = f"{self.name} has no variable {name!r} for {option}"
-        check_known(name, self.variables, sentence, otherwise="it has")
-        return self.variables[name]
-
-    def number(self, text: str, option: str) -> float:
-        """Return a number, written out or from a constant variable; one of the time must be above zero."""
-        try:
-            value = float(text)
-        except ValueError:
-            values = np.unique(self.column(text, option))
-            if len(values) != 1:
-                raise InputError(
-                    f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
-                ) from None
-            value = float(values[0])
-        wanted = {"--time": "give the variable with the time, or the time between rows, a number above zero"}
-        wanted |= {"--time-scale": "it must be above zero"}
-        if not 0.0 < abs(value) <= LARGEST_CELL or (option in wanted and value < 0.0):
-            text = wanted.get(option, "it must not be zero")
-            raise InputError(f"{self.name}: {option} is {value:g}; {text}.")
-        return value
-
-    def units_of(self, quantity: str) -> Mapping[str, float]:
-        """Return the units that a quantity may have, with their factors; Ballbot's own is the first."""
-        return _UNITS[self.unit].get(quantity, FACTORS["s"])
-
-    def factor(self, quantity: str, name: str, scale: str | None) -> float:
-        """Return the factor of a variable, from the option or the unit in the file; 1 if neither converts it."""
-        if scale is not None:
-            return self.number(scale, _option(quantity))
-        other, given = "rad" if self.unit == "m" else "m", self.unit_of(name)
-        if given not in self.units_of(quantity) and given in _UNITS[other].get(quantity, ()):
-            raise InputError(
-                f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
-                f"{self.unit}; give --unit {other}, or correct the unit in the file."
-            )
-        return self.units_of(quantity).get(given, 1.0)
-
-    def unit_of(self, name: str) -> str:
-        """Return the unit of a variable by the row of units below it or its name; empty if the file gives none."""
-        row = self.units.get(name, "").strip("[](){}<> ")
-        return unit_in_name(f"[{row}]" if row else name) or ""
-
-    def unit_finding(self, quantity: str, name: str) -> Iterator[Finding]:
-        """Find the unit of a variable without an option's factor: one that is converted, or that cannot be."""
-        given, units = self.unit_of(name), self.units_of(quantity)
-        if units.get(given, 1.0) != 1.0:
-            yield note("unit", f"{name} is multiplied by {units[given]:.6g}, by its unit in the file.", name)
-        elif given in UNITS and given not in units:
-            text = f"{name} is in {given}: give how many {next(iter(units))} one is by {_option(quantity)}."
-            yield error("unit", text, name)
-
-
-def _option(quantity: str) -> str:
-    return f"--{'position' if quantity == 'velocity' else quantity}-scale"
-
-
-def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
-    """Read a record from a file.
-
-    InputError if the file cannot be read, a variable is missing or has the wrong shape, or the rows do not make a
-    record.
+    A mapping has t, axis_force and axis_position or axis_position_dot; of an axis that turns, axis_torque and
+    axis_angle or axis_angle_dot. A further force is axis_force_added or axis_torque_added. InputError if the file
+    cannot be read, a column is missing, or the rows do not make a record.
 
     >>> t = 0.01 * np.arange(300)
     >>> rows = np.column_stack([t, np.cos(t), 1e3 * np.sin(t)])
@@ -280,51 +208,75 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     >>> float(np.ptp(record.position).round(1))  # [m]
     1.0
     """
-    path = Path(path)
-    table = read_variables(path, names=given_names(columns.columns))
-    table.need_names(path, "t,position,force")
-    notes, variables = list(table.notes), {**table.columns}
-    if columns.time in variables and len({*map(len, variables.values())}) == 1:
-        variables = rows_with_times(variables, columns.time, notes)
-    file = _File(name=path.name, variables=variables, units=table.units, unit=columns.unit)
-    motion = "velocity" if columns.position is None and columns.velocity else "position"
-    moving = getattr(columns, motion) or "position"
-    names = {"time": columns.time, motion: moving, "force": columns.force}
-    # all missing default variables are named in one message
-    defaults = {"time": "t", "position": "position", "force": "force"}.items()
-    if lacking := {
-        key: name for key, name in defaults if names.get(key) == name and name not in file.variables
-    }:
+    path, notes, changes, units = Path(path), list[str](), list[Finding](), dict[str, str]()
+    if mapping is None:
+        table = read_variables(path, names=given_names(columns.columns))
+        table.need_names(path, "t,position,force")
+        notes, units = [*table.notes], dict(table.units)
+        with about(path.name):
+            variables, by = _named(table, columns, changes)
+    elif columns != _BY_DEFAULT:
+        raise InputError("--mapping names columns, units and scales; leave out the options that name them.")
+    else:
+        by = read_mapping(mapping)
+        variables = read_columns(path, by.file, used=by.used_columns, notes=notes)
+    unit = "rad" if "axis_torque" in by.columns else "m"
+    own = _OWN[unit]
+    with about(path.name):
+        rows, t = timed_rows(by, variables, notes)
+        changes += [note("file", sentence) for sentence in notes]
+        log = _complete(Log(apply_mapping(by, rows, changes=changes)))
+        force = log[own["force"]] + log.columns.get(f"{own['force']}_added", 0.0)
+        moving = own["position" if own["position"] in log else "velocity"]
+        position = integrated(log.t, log[moving]) if moving == own["velocity"] else log[moving]
+    source = by.sources.get(moving, Source(column=moving))
+    position = _without_wraps(position, abs(source.factor), unit, changes)
+    if by.columns[moving].scale == 1.0:
+        used = {source.column for source in by.sources.values()}
+        others = {name: np.interp(log.t, t, rows[name]) for name in rows if name not in used}
+        changes += _contradiction(log.t, position, (moving, source.column), others, units)
+    return record_of_rows(path.name, log.t, force, position, unit=unit, findings=tuple(changes))
+
+
+def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> tuple[Columns, LogMapping]:
+    """Return a file's columns, with the time of each row, and the mapping of those that are named, by their units."""
+    columns, own = dict(table.columns), _OWN[given.unit]
+    motion = "velocity" if given.velocity and given.position is None else "position"
+    named = {"time": given.time, motion: getattr(given, motion) or "position", "force": given.force}
+    rows = max(len(columns.get(name, ())) for name in named.values())
+    if is_number(given.time) or len(columns.get(given.time, ())) == 1:
+        columns[given.time] = _number(columns, given.time, "--time") * np.arange(rows, dtype=np.float64)
+    if lacking := {key: name for key, name in named.items() if len(columns.get(name, ())) != rows}:
         raise InputError(
-            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
-            f"Name what is meant: {' '.join(f'--{key} NAME' for key in lacking)}"
-            + (" (or --time 0.001, the time between rows)" if "time" in lacking else "")
+            f"there is no column called {either(lacking.values())}; name what is meant, "
+            f"{' '.join(f'--{key} NAME' for key in lacking)}"
+            f"{' (or --time 0.001, the time between rows)' if 'time' in lacking else ''}; "
+            f"{suggest(next(iter(lacking.values())), columns, otherwise='it has')}"
         )
-    given = dict(zip(names, (columns.time_scale, columns.position_scale, columns.force_scale), strict=True))
-    factors = {key: file.factor(key, name, given[key]) for key, name in names.items()}
-    values = factors[motion] * file.column(moving, f"--{motion}")
-    force = factors["force"] * file.column(columns.force, "--force")
-    added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
-    t = variables.get(columns.time, np.empty(1))
-    if t.size == 1:  # the interval between rows
-        t = file.number(columns.time, "--time") * np.arange(len(values), dtype=np.float64)
-    t = factors["time"] * t
-    rows = _complete_rows(file.name, {"time": t, motion: values, "force": force, "the added force": added})
-    t, values, force = t[rows], values[rows], (force + added)[rows]
-    if motion == "velocity":
-        values = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
-    position, findings = _without_wraps(values, factors[motion], columns.unit)
-    findings = [*(note("file", sentence) for sentence in notes), *findings]
-    unscaled = {key: name for key, name in names.items() if given[key] is None}
-    findings += [finding for key, name in unscaled.items() for finding in file.unit_finding(key, name)]
-    if motion in unscaled:
-        others = {
-            name: values[rows]
-            for name, values in variables.items()
-            if len(values) == len(rows) and name not in names.values()
-        }
-        findings += _contradiction(file, motion, moving, position, others, t)
-    return record_of_rows(file.name, t, force, position, unit=columns.unit, findings=tuple(findings))
+    units = {name: stated_unit(name, table.units) for name in named.values()}
+    entries = {own[key]: ColumnTable(source=name, unit=units[name]) for key, name in named.items()}
+    if given.force_scale is not None:
+        scale = _number(columns, given.force_scale, "--force-scale")
+        entries[own["force"]] = ColumnTable(source=given.force, scale=scale)
+    by, other = LogMapping(columns=entries), "rad" if given.unit == "m" else "m"
+    with about(f"give --unit {other}, --force-scale, or the factor in a --mapping"):
+        sources = by.sources.items()
+    for name, source in sources:
+        if entries[name].unit and source.factor != 1.0:
+            text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."
+            changes.append(note("unit", text, source.column))
+    return {name: values for name, values in columns.items() if len(values) == rows}, by
+
+
+def _number(columns: Columns, text: str, option: str) -> float:
+    """Return a number, written out or of a constant column; InputError if it is zero, or below for a time."""
+    values = np.array([float(text)]) if is_number(text) else np.unique(columns.get(text, ()))
+    above = option == "--time"
+    if len(values) != 1 or not 0.0 < abs(values[0]) <= LARGEST_CELL or (above and values[0] < 0.0):
+        raise InputError(
+            f"{option} is {text}: give a number {'above' if above else 'other than'} zero, or a column with one value."
+        )
+    return float(values[0])
 
 
 #: correlation of the changes of a column with those of the motion, or the integral of it with them, that shows that it
@@ -334,55 +286,48 @@ _SAME_MOTION, _SAME_FACTOR = 0.98, 1.02
 
 
 def _contradiction(
-    file: _File, motion: str, own: str, position: Floats, others: Columns, t: Floats
+    t: Floats, position: Floats, moving: tuple[str, str], others: Columns, units: Mapping[str, str]
 ) -> list[Finding]:
-    """Return the error of a position (N,), or velocity, in another unit than a column of the same motion shows."""
-    unit = next(iter(file.units_of(motion)))
-    for name, values in others.items():
-        for kind, moved in (("position", values), ("velocity", integrated(t, values))):
-            units = file.units_of(kind)
-            of_other = file.unit_of(name) if file.unit_of(name) in units else next(iter(units))
-            correlation, ratio = change_agreement(t, position, units[of_other] * moved) or (0.0, 1.0)
-            looks = unit_of_ratio(ratio, unit, within=_SAME_FACTOR) if correlation > _SAME_MOTION else None
-            if looks:
-                text = (
-                    f"{own} looks like {looks}, not {file.unit_of(own) or unit}: it moves {ratio:.4g} times as far as "
-                    f"by {name} [{of_other}]. If so, give {_option(motion)} {file.units_of(motion)[looks]:.6g}."
-                )
-                return [error("unit", text, own, name)]
+    """Return the error of a position (N,) in another unit than another column of the same motion shows.
+
+    It is made of the log's and the file's column `moving`.
+    """
+    own, name = moving
+    kinds = [_OWN["rad" if "angle" in own else "m"][option] for option in ("position", "velocity")]
+    for other, values in others.items():
+        for kind, moved in zip(kinds, (values, integrated(t, values)), strict=True):
+            factors, given = FACTORS[unit_of(kind) or ""], stated_unit(other, units) or ""
+            beside = given if given in factors else next(iter(factors))
+            correlation, ratio = change_agreement(t, position, factors[beside] * moved) or (0.0, 1.0)
+            looks = unit_of_ratio(ratio, unit_of(own) or "", within=_SAME_FACTOR)
+            if looks and correlation > _SAME_MOTION:
+                reason = f"it moves {ratio:.4g} times as far as by {other} [{beside}]"
+                return [looks_like(own, name, looks, reason, "--mapping")]
     return []
 
 
-def _complete_rows(name: str, columns: Columns) -> Bools:
-    """Return which rows have all values (N,)."""
-    count = len(columns["time"])
-    for key, values in columns.items():
-        if len(values) != count:
-            raise InputError(
-                f"{name}: {key} has {len(values)} values and the time has {count}; name a column of the same length."
-            )
-    missing = {key: ~np.isfinite(values) for key, values in columns.items()}
-    lacking = np.logical_or.reduce(list(missing.values()))
-    if lacking.sum() > MOST_MISSING * count:
-        worst = max(missing, key=lambda key: missing[key].sum())
+def _complete(log: Log) -> Log:
+    """Return the rows that have all values; InputError if too many lack one."""
+    missing = {name: ~np.isfinite(log[name]) for name in log.names}
+    lacking, worst = np.any([*missing.values()], axis=0), max(missing, key=lambda name: missing[name].sum())
+    if np.mean(lacking) > MOST_MISSING:
         raise InputError(
-            f"{name}: {worst} is missing or not finite in row {int(np.argmax(missing[worst])) + 1}; {lacking.sum()} of "
-            f"{count} rows lack a value, and at most {100.0 * MOST_MISSING:.0f} % may."
+            f"{worst} is missing or not finite in row {int(np.argmax(missing[worst])) + 1}; {lacking.sum()} of "
+            f"{len(log)} rows lack a value, and at most {100.0 * MOST_MISSING:.0f} % may."
         )
-    return ~lacking
+    return log.complete(*log.names)
 
 
-def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, list[Finding]]:
-    """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, and findings on that."""
+def _without_wraps(position: Floats, scale: float, unit: str, changes: list[Finding]) -> Floats:
+    """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, which `changes` then says."""
     turn, degrees = TURNS[1:]
-    period = wrap_period(position, (turn, degrees, *(counts * abs(scale) for counts in COUNTERS)))
+    period = wrap_period(position, (turn, degrees, *(counts * scale for counts in COUNTERS)))
     if period is None:
-        return position, []
+        return position
     size = {turn: "one turn", degrees: "360"}.get(period, f"{period:.6g} {unit}")
-    findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
-    options = ["--unit rad"] if unit != "rad" else []
-    options += [f"--position-scale {np.radians(1.0):.6g}"] if period == degrees else []
-    if options and period in (turn, degrees):
-        text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
-        findings.append(warning("unit", text, "position"))
-    return unwrapped(position, period=period), findings
+    changes.append(note("wrap", f"The position jumps by {size}; it is unwrapped.", "position"))
+    if period == degrees or (period == turn and unit == "m"):
+        how = 'unit = "deg" in a mapping' if period == degrees else "--unit rad"
+        text = f"A position that jumps by {period:.4g} is an angle: {how}."
+        changes.append(warning("unit", text, "position"))
+    return unwrapped(position, period=period)

@@ -24,7 +24,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import FACTORS, UNIT_OF, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, UNIT_OF, UNITS, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles, within_half_a_turn
 from ballbot.results import left_out
@@ -242,6 +242,13 @@ def unit_in_name(name: str) -> str | None:
     if unit is None:
         return _words_and_unit(name)[1]
     return unit if len("".join(parts[len(before) - 1 :])) > 1 else None
+
+
+def stated_unit(name: str, units: Mapping[str, str]) -> str | None:
+    """Return the unit, a key of `UNITS`, of a column by the row of units below the names or by its name; else None."""
+    row = units.get(name, "").strip("[](){}<> ")
+    unit = unit_in_name(f"[{row}]" if row else name)
+    return unit if unit in UNITS else None
 
 
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
