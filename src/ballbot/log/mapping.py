@@ -113,7 +113,6 @@ from ballbot.log.imu_angles import (
     AngleSequence,
     body_motion,
     integral_of,
-    less_half_a_turn,
     quaternion_angles,
     within_half_a_turn,
 )
@@ -627,7 +626,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
     raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
-        raw["roll"] = less_half_a_turn(raw["roll"], math.pi)
+        raw["roll"] = within_half_a_turn(raw["roll"] - math.pi, math.pi)
     if "yaw" in raw:
         raw["yaw"] = unwrapped(raw["yaw"])
     if isinstance(mapping.input, DutyTable):

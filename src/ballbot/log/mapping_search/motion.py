@@ -16,7 +16,6 @@ from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
     AngleSequence,
     integral_of,
-    less_half_a_turn,
     turning_tilts,
     within_half_a_turn,
 )
@@ -122,7 +121,7 @@ class Columned:
         if self.roles.turn is not None:
             values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
-            values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
+            values[:, 0] = within_half_a_turn(values[:, 0] - self.roles.half_turn, self.roles.half_turn)
         return values
 
     def angle_units(self, lean: str) -> list[str]:
