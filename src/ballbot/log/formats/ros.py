@@ -56,12 +56,6 @@ def _fields_of(message: object) -> dict[str, object]:
             values[field.name] = _fields_of(value)
         elif isinstance(value, np.ndarray):
             values[field.name] = value.tolist()
-        elif isinstance(value, list) and value and is_dataclass(value[0]):
-            frames = [getattr(part, "child_frame_id", "") or str(k) for k, part in enumerate(value, start=1)]
-            parts = [_fields_of(part) for part in value]
-            for part in parts:
-                part.pop("header", None)
-            values[field.name] = dict(zip(frames, parts, strict=True))
         else:
             values[field.name] = value
     if set(values) == {"x", "y", "z", "w"}:
