@@ -18,7 +18,7 @@ from ballbot.files import LARGEST_TABLE
 from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, is_foreign, read_columns, read_variables, write_columns
 from ballbot.log.formats.text import infer_text_table, read_text_table
-from tests.support.bags import own_messages, write_bag
+from tests.support.bags import column_messages, write_bag
 from tests.support.log_examples import COLUMN_NAMES, any_logs, smooth_log
 
 #: names that a format can hold, where it cannot hold all of these
@@ -76,10 +76,10 @@ def json_bytes(columns: dict[str, np.ndarray]) -> bytes:
 
 
 def bag_bytes(columns: dict[str, np.ndarray], *, ros: int) -> bytes:
-    """Return a bag of ROS 1 or 2 with Ballbot's own two topics, which hold a log without loss."""
+    """Return a bag of ROS 1 or 2 with a topic for each column."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log"
-        write_bag(path, own_messages(columns), ros=ros)
+        write_bag(path, column_messages(columns), ros=ros)
         return (path if ros == 1 else path / "log.db3").read_bytes()
 
 
@@ -101,9 +101,10 @@ def written(suffix: str, folder: Path, columns: dict[str, np.ndarray]) -> Path:
 def test_every_format_reads_missing_and_too_large_values_as_nan(tmp_path, suffix):
     values = np.array([1.0, np.nan, np.inf, -np.inf, 1e31, -2.5])
     read = read_columns(written(suffix, tmp_path, {"t": np.arange(6.0), "x": values}))
-    assert list(read) == ["t", "x"]
-    np.testing.assert_array_equal(read["t"], np.arange(6.0))
-    np.testing.assert_array_equal(read["x"], [1.0, np.nan, np.nan, np.nan, np.nan, -2.5])
+    assert [name.removesuffix(".data") for name in read] == ["t", "x"]
+    t, x = read.values()
+    np.testing.assert_array_equal(t, np.arange(6.0))
+    np.testing.assert_array_equal(x, [1.0, np.nan, np.nan, np.nan, np.nan, -2.5])
 
 
 @every_format

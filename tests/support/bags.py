@@ -1,6 +1,5 @@
-"""ROS bags for tests: Ballbot's own two topics, and the messages of an IMU, of joints and of an odometry."""
+"""ROS bags for tests: a topic for each column of a log, and the messages of an IMU, of joints and of an odometry."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,12 +32,12 @@ def write_bag(
             writer.write(connections[topic], time, STORE.cdr_to_ros1(data, kind) if ros == 1 else data)
 
 
-def own_messages(columns: Mapping[str, np.ndarray]) -> Iterator[Timed]:
-    """Yield the messages in which earlier versions wrote a log without loss."""
-    layout = message("std_msgs/MultiArrayLayout", dim=[], data_offset=0)
-    yield "/ballbot/names", 0, message("std_msgs/String", data=json.dumps(list(columns)))
-    for number, row in enumerate(np.column_stack(list(columns.values()))):
-        yield "/ballbot/values", number, message("std_msgs/Float64MultiArray", layout=layout, data=row)
+def column_messages(columns: Mapping[str, np.ndarray]) -> Iterator[Timed]:
+    """Yield a message for each value of a log, on a topic of its column's name; rows are from time zero on."""
+    for row, t in enumerate(columns["t"]):
+        for name in [name for name in columns if name != "t"]:
+            cell = message("std_msgs/Float64", data=float(columns[name][row]))
+            yield f"/{name}", round(1e9 * (t - columns["t"][0])), cell
 
 
 def robot_messages(log: Log) -> Iterator[Timed]:

@@ -51,11 +51,9 @@ def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, flo
     return dict(sorted(shares, key=lambda share: -share[1]))
 
 
-def advantage_confidence(z: float) -> float:
-    """Return the confidence in an explanation that is better than the next by z standard errors."""
-    if math.isnan(z):
-        return 0.5
-    return min(float(ndtr(ERRORS_WEIGHT * z)), MOST)
+def advantage_confidence(z: Floats) -> Floats:
+    """Return the confidence in explanations that are better than the next by z standard errors."""
+    return np.minimum(ndtr(ERRORS_WEIGHT * z), MOST)
 
 
 def behind(z: Floats, log_ratio: Floats, seconds: float, *, each_second: float) -> Floats:
@@ -138,7 +136,7 @@ def confidence_in(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     r, k = correlations(x, y), x.shape[1]
     counts = effective_counts(np.column_stack([x, y]), [len(x)])[:k, k:]
     z = -ndtri(np.maximum(chance_of(r, counts), TINY))
-    return r, np.minimum(ndtr(ERRORS_WEIGHT * z), MOST)
+    return r, advantage_confidence(z)
 
 
 def jackknife_error(estimates: Floats) -> Floats:

@@ -46,11 +46,6 @@ def quaternion_angles(wxyz: Floats) -> Columns:
     return dict(zip(QUATERNION_ANGLES, angles.T, strict=True))
 
 
-def less_half_a_turn(roll: Floats, half: float) -> Floats:
-    """Return the roll (N,) of an IMU mounted upside down as that of an upright one, from -half to half a turn."""
-    return np.mod(roll, 2.0 * half) - half
-
-
 def within_half_a_turn(angles: Floats, half: float) -> Floats:
     """Return angles, of any shape, from -half to half a turn: a roll of 359 degrees is one of -1."""
     return np.where(np.abs(angles) > half, np.mod(angles + half, 2.0 * half) - half, angles)

@@ -113,13 +113,12 @@ from ballbot.log.imu_angles import (
     AngleSequence,
     body_motion,
     integral_of,
-    less_half_a_turn,
     quaternion_angles,
     within_half_a_turn,
 )
 from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times, without_dropouts
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
-from ballbot.log.wrapping import HEADINGS, LEANS, continuous_headings
+from ballbot.log.wrapping import TURNED, continuous_headings
 from ballbot.robot import RobotLike, as_robot
 from ballbot.schema import validate_table
 
@@ -618,7 +617,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         for name in wheels:
             raw[name] = unwrapped(raw[name], period=abs(mapping.sources[name].factor) * angle.wrap)
     # before its offset, from the file's own ends of a turn
-    offsets = {name: mapping.sources[name].offset for name in (*HEADINGS, *LEANS) if name in raw}
+    offsets = {name: mapping.sources[name].offset for name in TURNED if name in raw}
     continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
     raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     changes += wraps
@@ -629,7 +628,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
     raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
-        raw["roll"] = less_half_a_turn(raw["roll"], math.pi)
+        raw["roll"] = within_half_a_turn(raw["roll"] - math.pi, math.pi)
     if "yaw" in raw:
         raw["yaw"] = unwrapped(raw["yaw"])
     if isinstance(mapping.input, DutyTable):

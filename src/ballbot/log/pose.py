@@ -25,7 +25,7 @@ from ballbot.findings import Finding
 from ballbot.log.clock import clock_unit
 from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, unit_of, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.imu_angles import from_roll_pitch_yaw, integral_of
+from ballbot.log.imu_angles import body_motion, integral_of
 from ballbot.log.log import Log
 from ballbot.log.mapping import ColumnTable, LogMapping, apply_mapping
 from ballbot.log.mapping_search.names import marked_series, quaternions, roles_by_name, stated_unit
@@ -189,11 +189,9 @@ def _with_heading(log: Log, robot: Robot) -> Log:
     vertical = R[:, 2]
     yaw_rate = -np.sum(vertical * (wheels @ transforms(robot).T_obw.T + w), axis=1)
     roll, pitch = np.arctan2(vertical[:, 1], vertical[:, 2]), -np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))
-    angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, integral_of(log.t, yaw_rate)]))
-    turning = w + yaw_rate[:, None] * vertical
-    turned = np.linalg.solve(body_rates_matrix(*angles.T), turning[..., None])[..., 0]
-    columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
-    return log.with_columns(columns | {f"{n}_dot": r for n, r in zip(ATTITUDE_NAMES, turned.T, strict=True)})
+    imu = roll, pitch, integral_of(log.t, yaw_rate)
+    motion = body_motion(log.t, imu, w + yaw_rate[:, None] * vertical, turn=0.0)
+    return log.with_columns({name: motion[name] for name in (*_LEAN, *_HEADING)})
 
 
 def with_position(log: Log, robot: Robot) -> Log:

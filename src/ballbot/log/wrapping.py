@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.findings import Finding, note
-from ballbot.log.imu_angles import within_half_a_turn
+from ballbot.log.columns import ATTITUDE_NAMES
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
@@ -48,27 +48,18 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
     return heading + np.cumsum(added), rows[jumps]
 
 
-HEADINGS, LEANS = ("psi", "ref_psi"), ("theta", "phi")
+#: columns that are continued, a lean from 0 to a full turn too; the reference begins in the turn of the heading
+TURNED = (*ATTITUDE_NAMES, "ref_psi")
 
 
 def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
     """Return the headings and lean angles (N,) that are kept within one turn, continued, and a finding on each."""
     continued: dict[str, Floats] = {}
-    findings = []
-    first = np.nan
-    for name in LEANS:
-        lean = columns.get(name, np.zeros(0))
-        known = lean[np.isfinite(lean)]
-        if known.min(initial=0.0) >= 0.0 and (np.abs(np.diff(known)) > LARGEST_TURN).any():
-            continued[name] = within_half_a_turn(lean, np.pi)
-            text = f"{name} is from 0 to a full turn; it is read from -pi to pi."
-            findings.append(note("wrap", text, name))
-    for name in HEADINGS:
-        if name not in columns:
-            continue
-        heading, rows = continuous_heading(columns[name], after=first)
+    findings, first = [], np.nan
+    for name in (name for name in TURNED if name in columns):
+        heading, rows = continuous_heading(columns[name], after=first if name == "ref_psi" else np.nan)
         known = heading[np.isfinite(heading)]
-        first = float(known[0]) if known.size else np.nan
+        first = float(known[0]) if known.size and name == "psi" else np.nan
         if not rows.size:
             continue
         continued[name] = heading

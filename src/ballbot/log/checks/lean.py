@@ -22,12 +22,10 @@ import numpy as np
 from ballbot.arrays import Floats
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
+from ballbot.log.evidence import TINY
 from ballbot.log.torque_balance import Complex, Motion, as_complex, as_plane, block_sums, clarity
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
-
-#: in place of zero, the motion of a robot at rest
-_TINY = float(np.finfo(float).tiny)
 
 
 def _unexplained(columns: Complex, values: Complex) -> Complex:
@@ -105,13 +103,13 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     score = alone.conj() * residual
     scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
     powers = (float(np.vdot(signal, signal).real) for signal in (alone, y, residual))
-    power_alone, power, unknown = (max(power, _TINY) for power in powers)
+    power_alone, power, unknown = (max(power, TINY) for power in powers)
     size, turn, explained = abs(gains[1]), float(np.angle(gains[1])), 1.0 - unknown / power
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
     if explained < (EXPLAINED if usual else MOSTLY) or error >= KNOWN * size:
         return judged("physics", []), None
-    advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], _TINY)
+    advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], TINY)
     if good[0] != 0 and total[0] > CLEARLY_LESS * total[best] and clarity(advantage) > CLEARLY_BETTER:
         return _misread([pairs[k] for k in good]), None
     # a disturbance with the correlation has so large a part along the lean for the part that is left; if the law
@@ -119,7 +117,7 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     bias = CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / power_alone)
     margin = SURE * error + (0.0 if explained >= MOSTLY else bias)
     # noise of the lean lowers the gain itself, and raises that of the lean regressed on the acceleration
-    reverse = float(np.vdot(rest, rest).real) / max(abs(np.vdot(alone, rest)), _TINY)
+    reverse = float(np.vdot(rest, rest).real) / max(abs(np.vdot(alone, rest)), TINY)
     off = reverse + margin < GAIN_RANGE[0] or size - margin > GAIN_RANGE[1]
     columns, side = (*_LEAN, "x", "y", "x_dot", "y_dot"), "left" if turn > 0.0 else "right"
     degrees, sure = abs(np.degrees(turn)), abs(turn) - SURE * error / size

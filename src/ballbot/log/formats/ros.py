@@ -5,12 +5,8 @@ and yaw. nav_msgs/Odometry has its pose in the frame of the odometry and its twi
 `velocity` are its linear velocity in the frame of the pose. The table has the times of the topic with the most messages
 and, at each of them, the latest value of every other topic, which a controller would have. Before a topic's first
 message its values are missing. Nothing is interpolated, so that the rate of a slow sensor can be seen.
-
-Earlier versions wrote logs as two topics: /ballbot/names (std_msgs/String, the columns' names as a list in JSON) and
-/ballbot/values (std_msgs/Float64MultiArray, a row of the log).
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -18,12 +14,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import Columns
 from ballbot.log.formats.json import flattened
 
-_NAMES, _VALUES = "/ballbot/names", "/ballbot/values"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 #: first element of the covariance that marks a quantity as not measured, in sensor_msgs/Imu
 _NOT_MEASURED = -1.0
@@ -32,33 +26,20 @@ Topics = dict[str, tuple[list[int], list[Mapping[str, float]]]]
 
 
 def read_bag(path: Path) -> Columns:
-    """Return the columns of a log, or the joined topics of another bag, in one file or a folder."""
+    """Return the joined topics of a bag, in one file or a folder."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    names: list[str] = []
-    rows: list[Floats] = []
     topics: Topics = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         types = reader.typestore.types
         known = [connection for connection in reader.connections if connection.msgtype in types]
         for connection, time, data in reader.messages(known) if known else ():
-            message = reader.deserialize(data, connection.msgtype)
-            if connection.topic in (_NAMES, _VALUES):
-                content = getattr(message, "data")  # noqa: B009 - the class is made by rosbags
-                if connection.topic == _NAMES:
-                    names = names or [str(name) for name in json.loads(content)]
-                else:
-                    rows.append(content)
-                continue
-            numbers = _fields_of(message)
+            numbers = _fields_of(reader.deserialize(data, connection.msgtype))
             times, messages = topics.setdefault(connection.topic, ([], []))
             times.append(_stamp(numbers.pop("header", None)) or time)
             cells = flattened(numbers)
             messages.append(cells | _velocity(cells) if connection.msgtype == _ODOMETRY else cells)
-    if names:
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
-        return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
     return joined(topics)
 
 
@@ -75,12 +56,6 @@ def _fields_of(message: object) -> dict[str, object]:
             values[field.name] = _fields_of(value)
         elif isinstance(value, np.ndarray):
             values[field.name] = value.tolist()
-        elif isinstance(value, list) and value and is_dataclass(value[0]):
-            frames = [getattr(part, "child_frame_id", "") or str(k) for k, part in enumerate(value, start=1)]
-            parts = [_fields_of(part) for part in value]
-            for part in parts:
-                part.pop("header", None)
-            values[field.name] = dict(zip(frames, parts, strict=True))
         else:
             values[field.name] = value
     if set(values) == {"x", "y", "z", "w"}:

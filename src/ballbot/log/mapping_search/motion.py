@@ -16,7 +16,6 @@ from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
     AngleSequence,
     integral_of,
-    less_half_a_turn,
     turning_tilts,
     within_half_a_turn,
 )
@@ -122,7 +121,7 @@ class Columned:
         if self.roles.turn is not None:
             values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
-            values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
+            values[:, 0] = within_half_a_turn(values[:, 0] - self.roles.half_turn, self.roles.half_turn)
         return values
 
     def angle_units(self, lean: str) -> list[str]:
@@ -207,16 +206,13 @@ def motion_of_file(base: Columned) -> SensedMotion:
     if roles.attitude and not roles.quaternion:
         leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
     likely, motion = likeliest_units(leans, wheels), None
-    named_yaw = roles.unit(roles.attitude[2:]) is not None
     for _ in range(4):
         units = next(iter(likely))
         if motion is not None and motion.units == units:
             break
         motion = _with_units(base, raw, wrap, units)
-        tested = motion.tested
-        gain = tested.gain if tested else None
-        turning = tested.heading.turning if tested and tested.heading else None
-        likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
+        gain = motion.tested.gain if motion.tested else None
+        likely = likeliest_units(leans, wheels, units, gain=gain)
     assert motion is not None
     return replace(motion, likely=likely)
 
