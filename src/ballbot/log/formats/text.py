@@ -207,7 +207,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
     head = read_head(path)
     if not head.rows:
-        raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
+        raise InputError(f"{path} contains no table: no lines consist of numbers, or of numbers with the same labels.")
     if head.rows == 1:
         line = head.layout.header_lines + 1
         raise InputError(f"{path} has one row of numbers (line {line}); a log needs at least two.")
@@ -266,7 +266,8 @@ def read_head(path: str | Path) -> Head:
     return Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
         rows=len(rows),
-        named=bool(labels or said) or named is not None,
+        # a greeting is no header
+        named=named is not None or abs(len(words[-1]) - width) < 0.5 * width,
         above=above,
         problems=tuple(problems),
         units=units,
