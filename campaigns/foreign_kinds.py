@@ -72,18 +72,29 @@ def campaign() -> Section:
     packages = ["log", "identification", "validation"]
     outcomes = finished("foreign_kinds", judged, cases, packages=packages, workers=workers)
     counts = Counter((case.kind, case.sound, outcomes[name]) for name, case in cases.items())
-    columns = [(False, "right"), (False, "refused"), (False, "wrong"), (True, "right"), (True, "refused"), (True, "wrong")]
+    columns = [
+        (False, "right"),
+        (False, "refused"),
+        (False, "wrong"),
+        (True, "right"),
+        (True, "refused"),
+        (True, "wrong"),
+    ]
     rows = [[kind.replace("_", " "), *(str(counts[kind, *column]) for column in columns)] for kind in KINDS]
     sums = [sum(counts[kind, *column] for kind in KINDS) for column in columns]
-    bad = [name for name, case in cases.items() if outcomes[name] == "wrong" or (case.sound and outcomes[name] != "right")]
+    bad = [
+        name
+        for name, case in cases.items()
+        if outcomes[name] == "wrong" or (case.sound and outcomes[name] != "right")
+    ]
     of = count * len(KINDS)
     return Section(
         title="Kinds of foreign logs, right or refused by name",
-        before=f"{of} logs of {len(KINDS)} kinds of other people's logs, and as many sound twins, by seeds from {seed} "
-        "(`campaigns.foreign_kinds`, generators in `tests/support`). Right is the truth as read, refused a sentence that "
-        "names the matter, wrong anything else. Intervals are of 95 % by Clopper and Pearson.",
+        before=f"{of} logs of {len(KINDS)} kinds of other people's logs, and as many sound twins, by seeds from {seed}"
+        " (generators in `tests/support`). Right is the truth as read, refused a sentence that names the matter, wrong"
+        " anything else. Intervals are of 95 % by Clopper and Pearson.",
         columns=["kind", *(f"{'twin ' * sound}{result}" for sound, result in columns)],
         rows=[*rows, ["all", *map(str, sums)]],
-        after=f"Wrong: {share_words(sums[2], of)} of the logs; refused or wrong: {share_words(sums[4] + sums[5], of)} of "
-        f"the twins ({', '.join(bad) or 'none'}). {COUNT} is the number of logs of a kind.",
+        after=f"Wrong: {share_words(sums[2], of)} of the logs; refused or wrong: {share_words(sums[4] + sums[5], of)}"
+        f" of the twins ({', '.join(bad) or 'none'}). {COUNT} is the number of logs of a kind.",
     )

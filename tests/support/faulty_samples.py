@@ -115,14 +115,18 @@ def fault_outcome(folder: Path, fault: str, *, seed: int, sound: bool) -> Outcom
     names = team_names([*table], random)
     if not sound:
         table = with_fault(table, fault, wheels=WHEELS, lean=LEAN, seed=seed)
-    found = _found(folder, table, names)
+    found = proposed(folder, table, names)
     warned = {one.code for one in found.findings if one.severity == "warning"}
     if found.log is None:
         return "refused" if not sound and REFUSALS.get(fault, "-") in found.refusal else "wrong"
     if sound:
         return "wrong" if warned & {"missing", "constant"} else "right"
-    twin = _found(folder, foreign_columns(drawn_habits(np.random.default_rng([72, seed]), HABITS)), names).log
-    code, columns = ("missing", ("wheel1", "wheel2", "wheel3")) if fault == "failed readings" else ("constant", ("psi",))
+    twin = proposed(
+        folder, foreign_columns(drawn_habits(np.random.default_rng([72, seed]), HABITS)), names
+    ).log
+    code, columns = (
+        ("missing", ("wheel1", "wheel2", "wheel3")) if fault == "failed readings" else ("constant", ("psi",))
+    )
     if fault in REFUSALS or code not in warned or twin is None:
         return "wrong"
     t = np.arange(3.0, 26.0, 0.01)
@@ -135,7 +139,7 @@ def fault_outcome(folder: Path, fault: str, *, seed: int, sound: bool) -> Outcom
     return "right"
 
 
-def _found(folder: Path, table: Columns, names: dict[str, str]) -> Proposal:
+def proposed(folder: Path, table: Columns, names: dict[str, str]) -> Proposal:
     """Return what is proposed for the columns of a log, with a team's names."""
     path = write_foreign(folder / "run.txt", {names[name]: table[name] for name in table}, HABITS)
     return evaluate(propose(path, small_robot(), Stated(command="duty")))
@@ -152,4 +156,6 @@ def friction_outcome(seed: int, *, sound: bool) -> Outcome:
         return "refused" if named and not sound else "wrong"
     # three standard errors; a law without dry friction has none to compare
     allowed = 1.5 * best.half_widths.get("coulomb", np.inf)
-    return "right" if abs(best.values.get("coulomb", 0.0) - coulomb) <= max(allowed, 0.1 * coulomb) else "wrong"
+    return (
+        "right" if abs(best.values.get("coulomb", 0.0) - coulomb) <= max(allowed, 0.1 * coulomb) else "wrong"
+    )

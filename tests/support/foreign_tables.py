@@ -245,9 +245,7 @@ def long(random: Random) -> Pair:
     header = ("time,received,signal,data", "t,log time,name,number", "stamp,host_time,topic_name,val")[
         random.integers(3)
     ]
-    file = Foreign(
-        text="\n".join([header, *(row for _, row in rows)]), t=t, columns=columns
-    )
+    file = Foreign(text="\n".join([header, *(row for _, row in rows)]), t=t, columns=columns)
     if slow:
         latest = columns[slow][np.arange(len(t)) // 4 * 4]
         file = replace(file, columns=columns | {slow: latest})
@@ -310,8 +308,8 @@ def stacked(random: Random) -> Pair:
 KINDS: dict[str, Callable[[Random], Pair]] = {
     kind.__name__: kind
     for kind in (
-        two_columns, unpadded, bursts, few_digits, misnamed, durations, few_of_a_run, labelled, two_labels, stamped, long,
-        described, headless, stacked,
+        two_columns, unpadded, bursts, few_digits, misnamed, durations, few_of_a_run, labelled, two_labels, stamped,
+        long, described, headless, stacked,
     )
 }  # fmt: skip
 ROBOT = Robot.load("alten")

@@ -150,8 +150,8 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "radius, ball radius, gear ratio or encoder counts per turn), the height of the centre of mass differs from "
         "the robot file, theta and phi are scaled by {inverse:.3g}, or t is stretched."),
     "lean-scale: unit": ({"error": 0},
-        "The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot look like {unit}, not "
-        'm. If so, write unit = "{unit}" for them into a mapping.'),
+        "The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot look like {unit}, "
+        'not m. If so, write unit = "{unit}" for them into a mapping.'),
     "lean-axes: turn": ({"error": math.radians(12)},  # three standard errors below the angle [rad]
         "The ball accelerates {degrees:.0f} degrees to the {side} of the lean: the IMU is mounted turned about the "
         "vertical, or psi has another zero than x and y. Rotate the lean ([attitude] turn in a mapping)."),

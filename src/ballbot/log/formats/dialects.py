@@ -30,7 +30,7 @@ _EXAMINED = 200
 #: a name before a number; it begins with a letter, so that a time of day has none
 _LABEL = re.compile(r"(?<![^\s,;])([^\W\d_][^,;\t:=]*?)\s*[:=]\s*(?=[-+.\d]|nan)")
 #: the stamp that a serial monitor puts before a line, and whether a number follows
-_STAMP = re.compile(r"(\d\d:\d\d:\d\d\.\d+) -> (?=\s*([-+.\d]?))")
+_STAMP = re.compile(r"^(\d\d:\d\d:\d\d\.\d+) -> (?=\s*([-+.\d]?))")
 #: a number and the unit of a duration
 _DURATION = re.compile(r"[-+]?[\d.]+ ?(s|secs?|seconds?|ms|us|µs|ns|mins?|hrs?|days?)\b")
 #: columns of a long table: times, topic and value, and others such as a type
@@ -44,11 +44,7 @@ def without_labels(lines: list[str]) -> tuple[list[str], tuple[str, ...]]:
     """
     if 2 * sum(map(bool, map(_STAMP.match, lines[:_EXAMINED]))) > len(lines[:_EXAMINED]):
         mark = max(",;\t ", key=_STAMP.sub("", lines[min(len(lines), _EXAMINED) // 2]).count)
-        begun = ((line, _STAMP.match(line)) for line in lines)
-        lines = [
-            f"{stamp[1] if stamp[2] else 'time'}{mark}{line[stamp.end(1) + 4 :]}" if stamp else line
-            for line, stamp in begun
-        ]
+        lines = [_STAMP.sub(lambda stamp: (stamp[1] if stamp[2] else "time") + mark, line) for line in lines]
     seen = Counter(tuple(_LABEL.findall(line)) for line in lines[:_EXAMINED] if line.strip())
     labels, count = seen.most_common(1)[0] if seen else ((), 0)
     if len(labels) < 2 or len(set(labels)) < len(labels) or 2 * count <= seen.total():
