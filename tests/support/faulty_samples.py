@@ -131,7 +131,7 @@ def fault_outcome(folder: Path, fault: str, *, seed: int, sound: bool) -> Outcom
         return "wrong"
     t = np.arange(3.0, 26.0, 0.01)
     for name in columns:
-        ours, theirs = (np.interp(t, log.t - log.t[0], log[name]) for log in (found.log, twin))
+        ours, theirs = (np.interp(t, log.t, log[name]) for log in (found.log, twin))
         off, step = ours - theirs, 1.3 * float(np.abs(np.diff(theirs)).max())
         # a heading by the gyro's integral has the gyro's errors
         if np.abs(off - off.mean()).max() > (max(0.02, step) if name != "psi" else 0.1):
