@@ -24,7 +24,7 @@ from tests.support.contradicting_logs import Outcome
 
 #: drawn after the last change of what is judged; seeds below 10,000 are those of development
 SEED = 1
-#: logs of each kind, and as many twins: 200 of both by the kinds there are
+#: logs of each kind, and as many twins: of 33 kinds 231 of both
 OF_A_KIND = 7
 #: environment variables: logs of each kind, and the seed
 COUNT, SEED_KEY = "BALLBOT_KINDS", "BALLBOT_KINDS_SEED"
