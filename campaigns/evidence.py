@@ -51,6 +51,7 @@ CAMPAIGNS = {
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",
+    "foreign_kinds": "campaigns.foreign_kinds",
     "motor_faults": "campaigns.motor_faults",
     "board_matrix": "campaigns.board_matrix",
     "firmware_timing": "campaigns.firmware_timing",

@@ -18,7 +18,7 @@ from tests.support.contradicting_logs import KINDS, outcomes
 from tests.support.foreign_log_examples import foreign_columns, small_robot, write_foreign
 
 #: kinds that take less than a second
-QUICK = ("named_by_its_unit", "beside_another_unit", "without_a_factor")
+QUICK = ("named_by_its_unit", "beside_another_unit", "without_a_factor", "axis_without_header")
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log.pose import read_motion_capture
@@ -48,6 +49,31 @@ def cases(shared_data: Path) -> Path:
 def test_input_that_was_refused_is_read(cases, name):
     base = propose(cases / name, ROBOT).base
     assert (len(base.t), float(np.median(np.diff(base.t)))) == pytest.approx(CASES[name], abs=2e-5)
+
+
+#: by file: the words after it, and what is said; `tests/log/test_everyday_files.py` remakes them
+SAID = {
+    "held_in_hands.txt": ("check-log --robot rob311", "held by hand"),
+    "one_way_ramp.txt": (
+        "check-log --robot rob311 --columns n,t,theta_x,theta_y,T1,T2,T3,phi_x,phi_y,phi_z,psi_1,psi_2,psi_3",
+        "usable for identify-driveline",
+    ),
+    "ros1_header.bag": ("check-log --robot alten", "not a complete ROS 1 bag"),
+    "units_in_header_native_names.csv": ("check-log --robot alten", "theta [deg] is read as theta"),
+    "latin1_header.csv": ("check-log --robot alten", "as Latin-1, save it as UTF-8"),
+    "bare_value.toml": ("check", 'write radius = { value = 0.11, unit = "m"'),
+    "one_empty_cell.csv": ("check-log --robot alten", "2 of 479 values missing"),
+    "u2_zero_from_8s.csv": ("check-log --robot alten", "u2: one value repeats for 23.9 s"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SAID)
+def test_input_is_answered_by_what_is_wrong_with_it(cases, capsys, name):
+    (command, *words), sentence = SAID[name][0].split(), SAID[name][1]
+    main([command, str(cases / name), *words])
+    said = capsys.readouterr()
+    assert sentence in " ".join(f"{said.out} {said.err}".split())
 
 
 def test_comments_are_no_header_and_names_are_given(cases):

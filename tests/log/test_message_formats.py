@@ -145,7 +145,7 @@ def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):
     text = (bag / "metadata.yaml").read_text()
     (bag / "bag_0.db3").write_bytes((bag / "bag_0.db3").read_bytes()[:3000])
     for words, metadata in (
-        ("it is not a complete ROS bag", text),
+        ("it is not a complete ROS 2 bag", text),
         ("A metadata key is missing", "rosbag2_bagfile_information:\n  version: 9"),
         ("files are missing", text.replace("bag/bag_1.db3", "/etc/bag_7.db3")),
     ):

@@ -4,12 +4,13 @@ python -m tests.support.contradicting_logs SEED COUNT    the outcomes of so many
 
 A kind writes a log, gives it to what its command calls, and returns the outcome: "right" if the result is the truth,
 "refused" if an error names what is wrong, "wrong" otherwise. A sound twin has no fault of its kind, and must be right.
+Foreign logs have the names of a drawn team.
 """
 
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -23,6 +24,7 @@ from ballbot.findings import stop_on_errors
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log import Log
+from ballbot.log.checks import check
 from ballbot.log.clock import clock_findings
 from ballbot.log.columns import FACTORS
 from ballbot.log.formats.text import write_text_table
@@ -39,6 +41,7 @@ from tests.support.foreign_log_examples import (
     swaying_log,
     write_foreign,
 )
+from tests.support.foreign_logs import STYLES, Habits
 
 Outcome = Literal["right", "refused", "wrong"]
 Random = np.random.Generator
@@ -77,7 +80,8 @@ def _judged_axis(path: Path, by: AxisColumns | LogMapping, truth: dict[str, Floa
         )
         stop_on_errors(record_findings(read))
     except InputError as error:
-        return "refused" if "--accept unit" in str(error) or "in a --mapping" in str(error) else "wrong"
+        named = "--accept unit" in str(error) or "in a --mapping" in str(error)
+        return "refused" if named or "--columns" in str(error) else "wrong"
     sizes = [
         (np.std(position), np.std(force))
         for position, force in ((read.position, read.force), (truth["position"], truth["force"]))
@@ -192,17 +196,34 @@ def film_in_a_mirror(_: Path, random: Random, sound: bool) -> Outcome:
     return _judged_film(log, film, "mirrored")
 
 
-def _foreign(random: Random) -> dict[str, Floats]:
-    """Return the columns of a drawn team's log of the swaying robot."""
+def drawn_habits(random: Random, habits: Habits = COURSE) -> Habits:
+    """Return how a drawn team places wheels and IMU of the swaying robot."""
     order = tuple(random.permutation(3).tolist())
     turn = float(np.radians(random.choice([0.0, 30.0, 90.0, -60.0])))
     sign = int(random.choice([-1, 1]))
-    return foreign_columns(replace(COURSE, order=order, signs=(sign,) * 3, turn=turn))
+    return replace(habits, order=order, signs=(sign,) * 3, turn=turn)
 
 
-def _judged_foreign(folder: Path, table: dict[str, Floats]) -> tuple[Outcome, Proposal]:
+def _foreign(random: Random) -> dict[str, Floats]:
+    """Return the columns of a drawn team's log of the swaying robot, with the course's names."""
+    return foreign_columns(drawn_habits(random))
+
+
+def team_names(names: Sequence[str], random: Random) -> dict[str, str]:
+    """Return a drawn team's names of columns by those of the course, of which a kind may lack some."""
+    style = STYLES[random.integers(1, len(STYLES) - 1)]  # the last one calls every command a torque
+    own = {"t_now": style.time, **dict(zip(("theta_x", "theta_y", "theta_z"), style.lean, strict=True))}
+    own |= {f"gyro_{axis}": style.gyro.format(axis) for axis in "xyz"}
+    for k in (1, 2, 3):
+        number = k - 1 + style.first
+        own |= {f"psi_{k}": style.angle.format(number), f"u{k}": style.command.format(number, kind="pwm")}
+    return {name: own.get(name, name) for name in names}
+
+
+def _judged_foreign(folder: Path, table: dict[str, Floats], random: Random) -> tuple[Outcome, Proposal]:
     """Return the outcome of a proposed mapping: right if lean, speeds and torques of its log have their true sizes."""
-    path = write_foreign(folder / "run.txt", table)
+    names = team_names([*table], random)
+    path = write_foreign(folder / "run.txt", {names[name]: values for name, values in table.items()})
     found = evaluate(propose(path, small_robot(), Stated(command="duty")))
     if found.refusal or found.log is None:
         return "refused", found
@@ -229,7 +250,7 @@ def quaternion_by_number(folder: Path, random: Random, sound: bool) -> Outcome:
     unnamed = not sound and random.random() < 0.3
     names = ["alpha", "bx", "gam", "del"] if unnamed else names
     table |= dict(zip(names, wxyz.T[[1, 2, 3, 0] if last else [0, 1, 2, 3]], strict=True))
-    outcome, found = _judged_foreign(folder, table)
+    outcome, found = _judged_foreign(folder, table, random)
     said = any(finding.code == "unknown" and "quaternion" in finding.text for finding in found.findings)
     return "wrong" if outcome == "refused" and not said else outcome
 
@@ -242,7 +263,7 @@ def lean_of_a_full_turn(folder: Path, random: Random, sound: bool) -> Outcome:
         table[name] = table[name] if sound else np.mod(table[name], 360.0)
     for name in ("theta_x", "theta_y", "theta_z"):
         table[name] = np.radians(table[name]) if radians else table[name]
-    return _judged_foreign(folder, table)[0]
+    return _judged_foreign(folder, table, random)[0]
 
 
 def duty_beyond_full(folder: Path, random: Random, sound: bool) -> Outcome:
@@ -255,7 +276,72 @@ def duty_beyond_full(folder: Path, random: Random, sound: bool) -> Outcome:
         peak = full * (1.0 if sound else random.uniform(1.02, 1.3))
         table[name][rows] = np.sign(table[name][rows]) * peak
         table[name] = table[name] if full == 1.0 else np.round(table[name])
-    return _judged_foreign(folder, table)[0]
+    return _judged_foreign(folder, table, random)[0]
+
+
+def magnitudes_of_commands(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log the sizes of the commands alone, without their signs."""
+    table = _foreign(random)
+    if not sound:
+        table |= {name: np.abs(table[name]) for name in ("u1", "u2", "u3")}
+    outcome, found = _judged_foreign(folder, table, random)
+    answers = [question.answers[0] for question in found.questions if question.key == "[input] zero"]
+    return "wrong" if outcome == "refused" and not (answers and "direction" in answers[0]) else outcome
+
+
+def lean_that_froze(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log an IMU that repeats its last values for a few seconds: they are left out, and named with their duration."""
+    table, lasting = _foreign(random), float(random.choice([2.0, 3.0, 4.0]))
+    first = table["t_now"][0] + random.uniform(5.0, 20.0)
+    frozen = (table["t_now"] >= first) & (table["t_now"] < first + lasting)
+    for name in () if sound else ("theta_x", "theta_y", "theta_z"):
+        table[name] = np.where(frozen, table[name][frozen][0], table[name])
+    outcome, found = _judged_foreign(folder, table, random)
+    said = [finding.text for finding in found.findings if finding.code == "stuck"]
+    named = len(said) == 1 and f"repeats one value for {lasting:.0f} s" in said[0]
+    return outcome if named or (sound and not said) else "wrong"
+
+
+def _judged_native(folder: Path, log: Log, code: str) -> Outcome:
+    """Return the outcome of the checks of a log in Ballbot's format: refused if errors are of one code only."""
+    log.without_truth().write(folder / "log.csv")
+    found = check(Log.read(folder / "log.csv"), robot=small_robot())
+    codes = {finding.code for finding in found if finding.severity == "error"}
+    return "right" if not codes else "refused" if codes == {code} else "wrong"
+
+
+def _native(random: Random) -> Log:
+    """Return a stretch of the swaying robot's log."""
+    first = float(random.uniform(0.0, 12.0))
+    return swaying_log().between(first, first + float(random.uniform(12.0, 18.0)))
+
+
+def native_path_in_another_unit(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log positions and velocities of the ball in mm or cm, which agree with each other."""
+    log, factor = _native(random), 1.0 if sound else float(random.choice([100.0, 1000.0]))
+    log = log.with_columns({name: factor * log[name] for name in ("x", "y", "x_dot", "y_dot")})
+    outcome = _judged_native(folder, log, "lean-scale")
+    return "wrong" if outcome == "right" and not sound else outcome
+
+
+def native_changes_of_angles(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Log the changes of one wheel's angle, or of all, from row to row, beside right speeds."""
+    log = _native(random)
+    wheels = random.permutation(3)[: 0 if sound else random.choice([1, 3])] + 1
+    changes = {f"wheel{i}": np.diff(log[f"wheel{i}"], prepend=log[f"wheel{i}"][:1]) for i in wheels}
+    outcome = _judged_native(folder, log.with_columns(changes), "scale")
+    return "wrong" if outcome == "right" and not sound else outcome
+
+
+def axis_without_header(folder: Path, random: Random, sound: bool) -> Outcome:
+    """Write the record of an axis as a serial monitor shows it; the twin has its columns' names given."""
+    unit, motion = _axis(random)
+    table = {name: motion[name] for name in random.permutation(["t", "position", "force"]).tolist()}
+    write_text_table(folder / "a.csv", table)
+    rows = (folder / "a.csv").read_text().splitlines()[1:]
+    (folder / "a.csv").write_text("\n".join([*["connected"][: random.integers(2)], *rows]))
+    columns = AxisColumns(unit=unit, position="position", columns=",".join(table) if sound else None)
+    return _judged_axis(folder / "a.csv", columns, motion)
 
 
 KINDS: dict[str, Kind] = {
@@ -270,6 +356,11 @@ KINDS: dict[str, Kind] = {
         quaternion_by_number,
         lean_of_a_full_turn,
         duty_beyond_full,
+        magnitudes_of_commands,
+        lean_that_froze,
+        native_path_in_another_unit,
+        native_changes_of_angles,
+        axis_without_header,
     )
 }
 

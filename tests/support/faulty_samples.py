@@ -4,11 +4,19 @@
 publish it; its sound twin is the torque that drives the same joint, with its inertia.
 """
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ballbot.identification.axis import AxisRecord, record_of_rows
+from ballbot.errors import InputError
+from ballbot.identification.axis import AxisRecord, identify_axis, record_of_rows
+from ballbot.log.mapping_search.motion import Stated
+from ballbot.log.proposal import Proposal, evaluate, propose
+from tests.support.contradicting_logs import Outcome, drawn_habits, team_names
+from tests.support.foreign_log_examples import COURSE, foreign_columns, small_robot, write_foreign
 
 Floats = NDArray[np.float64]
 
@@ -88,3 +96,66 @@ def with_fault(table: Columns, fault: str, *, wheels: list[str], lean: list[str]
         case _:
             raise ValueError(fault)
     return changed
+
+
+#: the course's columns, and what its logs have beside
+WHEELS, LEAN = ["psi_1", "psi_2", "psi_3"], ["theta_x", "theta_y", "theta_z"]
+HABITS = replace(COURSE, wheel_unit="counts", gyro_unit="deg/s")
+#: refusals by the fault
+REFUSALS = {"one recorded twice": "have the same values", "changes of the counts": "changes from row to row"}
+
+
+def fault_outcome(folder: Path, fault: str, *, seed: int, sound: bool) -> Outcome:
+    """Return the outcome of a foreign log with a fault by a seed, or of its sound twin.
+
+    Right is the twin's log, to the distance that a wheel moves in a row, with a warning that names the fault.
+    """
+    random = np.random.default_rng([72, seed])
+    table = foreign_columns(drawn_habits(random, HABITS))
+    names = team_names([*table], random)
+    if not sound:
+        table = with_fault(table, fault, wheels=WHEELS, lean=LEAN, seed=seed)
+    found = proposed(folder, table, names)
+    warned = {one.code for one in found.findings if one.severity == "warning"}
+    if found.log is None:
+        return "refused" if not sound and REFUSALS.get(fault, "-") in found.refusal else "wrong"
+    if sound:
+        return "wrong" if warned & {"missing", "constant"} else "right"
+    twin = proposed(
+        folder, foreign_columns(drawn_habits(np.random.default_rng([72, seed]), HABITS)), names
+    ).log
+    code, columns = (
+        ("missing", ("wheel1", "wheel2", "wheel3")) if fault == "failed readings" else ("constant", ("psi",))
+    )
+    if fault in REFUSALS or code not in warned or twin is None:
+        return "wrong"
+    t = np.arange(3.0, 26.0, 0.01)
+    for name in columns:
+        ours, theirs = (np.interp(t, log.t, log[name]) for log in (found.log, twin))
+        off, step = ours - theirs, 1.3 * float(np.abs(np.diff(theirs)).max())
+        # a heading by the gyro's integral has the gyro's errors
+        if np.abs(off - off.mean()).max() > (max(0.02, step) if name != "psi" else 0.1):
+            return "wrong"
+    return "right"
+
+
+def proposed(folder: Path, table: Columns, names: dict[str, str]) -> Proposal:
+    """Return what is proposed for the columns of a log, with a team's names."""
+    path = write_foreign(folder / "run.txt", {names[name]: table[name] for name in table}, HABITS)
+    return evaluate(propose(path, small_robot(), Stated(command="duty")))
+
+
+def friction_outcome(seed: int, *, sound: bool) -> Outcome:
+    """Return the outcome of a joint's record with forces from elsewhere, by a seed, or of the joint without them."""
+    law = ("coulomb", "viscous")[seed % 2]
+    record, coulomb = friction_record(law, seed, noise=0.05 if sound else 1.0, sound=True)
+    try:
+        best = identify_axis(record).best
+    except InputError as error:
+        named = "plain regression" in str(error) or "end of its range" in str(error)
+        return "refused" if named and not sound else "wrong"
+    # three standard errors; a law without dry friction has none to compare
+    allowed = 1.5 * best.half_widths.get("coulomb", np.inf)
+    return (
+        "right" if abs(best.values.get("coulomb", 0.0) - coulomb) <= max(allowed, 0.1 * coulomb) else "wrong"
+    )

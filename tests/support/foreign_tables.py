@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Random = np.random.Generator
 #: names of roll, pitch, yaw, an encoder and a current, as teams write them
 NAMES = (
-    ("roll_deg", "pitch_deg", "yaw_deg", "enc{}", "current{}_A"),
+    ("rollDeg", "pitchDeg", "yawDeg", "encoder{}", "motor_current{}_A"),
     ("imu.roll_deg", "imu.pitch_deg", "imu.yaw_deg", "motor.enc{}", "motor.cur{}_A"),
     ("RollDeg", "PitchDeg", "YawDeg", "Ticks{}", "Amps{}"),
 )
@@ -85,7 +85,7 @@ def two_columns(random: Random) -> Pair:
     """Whole seconds and their fraction; the twin has the duration of each loop in the fraction's unit."""
     t, columns = motion(random)
     start = EPOCH + random.uniform(0.0, 1.0)
-    names = [("stamp_sec", "stamp_nanosec"), ("header.stamp.secs", "header.stamp.nsecs"), ("tv_sec", "tv_usec"),
+    names = [("secs", "nsecs"), ("header.stamp.secs", "header.stamp.nsecs"), ("tv_sec", "tv_usec"),
              ("sec", "nanosec"), ("time_s", "time_us"), ("sec", "msec")][random.integers(6)]  # fmt: skip
     digits = {"n": 9, "u": 6, "m": 3}[names[1].rpartition(".")[2].replace("stamp_", "").split("_")[-1][0]]
     counted = [round((start + moment) * 10**digits) for moment in t]
@@ -203,6 +203,31 @@ def labelled(random: Random) -> Pair:
     return file, plain(t, of_robot, "time", stamps)
 
 
+def two_labels(random: Random) -> Pair:
+    """Labelled rows of an IMU and of motors in turns; the twin has one kind of rows."""
+    t, columns = motion(random)
+    table = {"time_s": t, **columns}
+    groups = [["time_s", *list(columns)[:3]], ["time_s", *list(columns)[3:]]]
+    rows = [
+        " ".join(f"{name}:{table[name][k]:.10g}" for name in group) for k in range(len(t)) for group in groups
+    ]
+    file = Foreign(text="\n".join(rows), t=t, columns=columns, refusal="labels")
+    whole = [" ".join(f"{name}:{values[k]:.10g}" for name, values in table.items()) for k in range(len(t))]
+    return file, Foreign(text="\n".join(whole), t=t, columns=columns)
+
+
+def stamped(random: Random) -> Pair:
+    """Rows that a serial monitor has stamped, 14:59:20.005 -> 1,2; the twin has an arrow in the first line alone."""
+    t, columns = motion(random)
+    header, *rows = lines_of({name: cells(values) for name, values in columns.items()})
+    stamps = [f"14:59:{20.0 + one:06.3f}" for one in np.round(t, 3)]
+    lines = [header, *(f"{stamp} -> {row}" for stamp, row in zip(stamps, rows, strict=True))]
+    lines[0] = f"14:59:19.990 -> {header}"
+    file = Foreign(text="\n".join(lines), t=t, columns=columns, tolerance=6e-4)
+    twin = plain(t, columns)
+    return file, replace(twin, text=f"14:59:19 -> connected\n{twin.text}")
+
+
 def long(random: Random) -> Pair:
     """A row for each value, with its topic, in turns or one topic after the other; the twin has a state in words."""
     t, columns = motion(random)
@@ -217,9 +242,10 @@ def long(random: Random) -> Pair:
     ]
     if random.integers(2):
         rows.sort(key=lambda row: row[0])
-    file = Foreign(
-        text="\n".join(["elapsed,receive time,topic,value", *(row for _, row in rows)]), t=t, columns=columns
-    )
+    header = ("time,received,signal,data", "t,log time,name,number", "stamp,host_time,topic_name,val")[
+        random.integers(3)
+    ]
+    file = Foreign(text="\n".join([header, *(row for _, row in rows)]), t=t, columns=columns)
     if slow:
         latest = columns[slow][np.arange(len(t)) // 4 * 4]
         file = replace(file, columns=columns | {slow: latest})
@@ -282,8 +308,8 @@ def stacked(random: Random) -> Pair:
 KINDS: dict[str, Callable[[Random], Pair]] = {
     kind.__name__: kind
     for kind in (
-        two_columns, unpadded, bursts, few_digits, misnamed, durations, few_of_a_run, labelled, long, described,
-        headless, stacked,
+        two_columns, unpadded, bursts, few_digits, misnamed, durations, few_of_a_run, labelled, two_labels, stamped,
+        long, described, headless, stacked,
     )
 }  # fmt: skip
 ROBOT = Robot.load("alten")

@@ -738,6 +738,7 @@ def answer_lines(proposal: Proposal) -> list[str]:
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     name, seconds = proposal.base.path.name, f"{np.ptp(proposal.base.t):.0f} s"
     use = "not usable" if proposal.faulty else f"usable for {_USES[proposal.what]}{without}"
+    use += ", once the questions are answered" if proposal.questions else ""
     lines = [f"{name}: {proposal.what}, {seconds}; {use}."]
     if any(question.key == _LEAN_KEY for question in proposal.questions):
         lines = [f"{name}: {seconds}; columns that may be the lean are not read."]

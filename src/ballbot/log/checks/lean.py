@@ -24,6 +24,7 @@ from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
 from ballbot.log.evidence import TINY
 from ballbot.log.torque_balance import Complex, Motion, as_complex, as_plane, block_sums, clarity
+from ballbot.log.units import unit_of_ratio
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
@@ -121,7 +122,9 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     off = reverse + margin < GAIN_RANGE[0] or size - margin > GAIN_RANGE[1]
     columns, side = (*_LEAN, "x", "y", "x_dot", "y_dot"), "left" if turn > 0.0 else "right"
     degrees, sure = abs(np.degrees(turn)), abs(turn) - SURE * error / size
-    findings = judged("lean-scale", columns, float(off), size=size, inverse=1.0 / size)
+    unit = unit_of_ratio(size, "m", within=GAIN_RANGE[1])
+    key = "lean-scale: unit" if unit else "lean-scale"
+    findings = judged(key, columns, float(off), size=size, inverse=1.0 / size, unit=unit)
     findings = findings or judged("lean-axes: turn", _LEAN, sure, degrees=degrees, side=side)
     # all of the bracket: how the noise divides between lean and acceleration is unknown
     uncertain = 0.5 * abs(float(np.log(reverse / size))) + SURE * error / size

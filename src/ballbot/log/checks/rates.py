@@ -12,7 +12,7 @@ import numpy as np
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
-from ballbot.log.evidence import RELATED
+from ballbot.log.evidence import RELATED, SCALED
 from ballbot.log.log import Log
 from ballbot.log.units import (
     FEWEST_ROWS,
@@ -44,6 +44,10 @@ def check_rates(log: Log) -> list[Finding]:
         return []
     pairs = ("x", "y"), ("theta", "phi")
     clear, findings = _contradictions(compared, names, lambda name: f"{name}_dot", pairs)
+    for name in (name for name in names if name not in clear):
+        rate = integrated(log.t, log[f"{name}_dot"])
+        correlation, _ = change_agreement(log.t, np.nancumsum(log[name]), rate) or (0.0, 1.0)
+        findings += judged("scale: changes", [name], float(correlation >= SCALED), name=name)
     return _time_findings(log, clear) or findings
 
 

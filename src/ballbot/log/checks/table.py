@@ -99,6 +99,8 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "{name} and {rates} have opposite signs (correlation {correlation:.2f}); negate one of them."),
     "degrees": ({"error": 0}, _IN_UNIT),
     "scale: unit": ({"error": 0}, _IN_UNIT),
+    "scale: changes": ({"error": 0},
+        "{name} does not follow {name}_dot, but its running sum does: it is the change from row to row. Log its sum."),
     "scale": ({"error": 4, "warning": 1.5},  # factor, or its inverse: smaller ones may be noise
         "{name} varies {size:.3g} times as much as {rates} give: one of the two has a wrong scale, a delay or much "
         "noise."),
@@ -147,6 +149,9 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot are scaled (wheel "
         "radius, ball radius, gear ratio or encoder counts per turn), the height of the centre of mass differs from "
         "the robot file, theta and phi are scaled by {inverse:.3g}, or t is stretched."),
+    "lean-scale: unit": ({"error": 0},
+        "The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot look like {unit}, "
+        'not m. If so, write unit = "{unit}" for them into a mapping.'),
     "lean-axes: turn": ({"error": math.radians(12)},  # three standard errors below the angle [rad]
         "The ball accelerates {degrees:.0f} degrees to the {side} of the lean: the IMU is mounted turned about the "
         "vertical, or psi has another zero than x and y. Rotate the lean ([attitude] turn in a mapping)."),

@@ -54,8 +54,8 @@ class LogFormat:
 
 #: the one whose layout a mapping file may give
 _TEXT = LogFormat("CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_own_table, write_text_table)
-#: of ROS 1 or 2; also how a folder is read, whatever its name
-_BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag)
+#: also how a folder is read, whatever its name
+_BAG = LogFormat("ROS 2 bag", (".db3",), read_bag)
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
     _TEXT,
@@ -64,6 +64,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat("MATLAB", (".mat",), read_mat, write_mat),
     LogFormat("MCAP", (".mcap",), read_mcap, write_mcap),
     _BAG,
+    LogFormat("ROS 1 bag", (".bag",), read_bag),
 )
 _OF_SUFFIX = {suffix: form for form in FORMATS for suffix in form.suffixes}
 _COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")

@@ -29,6 +29,8 @@ EXACT: Literal["round_trip"] | None = (
 _EXAMINED = 200
 #: a name before a number; it begins with a letter, so that a time of day has none
 _LABEL = re.compile(r"(?<![^\s,;])([^\W\d_][^,;\t:=]*?)\s*[:=]\s*(?=[-+.\d]|nan)")
+#: the stamp that a serial monitor puts before a line, and whether a number follows
+_STAMP = re.compile(r"^(\d\d:\d\d:\d\d\.\d+) -> (?=\s*([-+.\d]?))")
 #: a number and the unit of a duration
 _DURATION = re.compile(r"[-+]?[\d.]+ ?(s|secs?|seconds?|ms|us|µs|ns|mins?|hrs?|days?)\b")
 #: columns of a long table: times, topic and value, and others such as a type
@@ -36,7 +38,13 @@ _LONG_WIDTHS = range(3, 9)
 
 
 def without_labels(lines: list[str]) -> tuple[list[str], tuple[str, ...]]:
-    """Return lines without the labels that most of the first ones have in common, and these; none of a plain table."""
+    """Return lines without the labels that most of the first ones have in common, and these; none of a plain table.
+
+    The stamps of a serial monitor, 14:59:20.005 -> 1,2, become a column "time".
+    """
+    if 2 * sum(map(bool, map(_STAMP.match, lines[:_EXAMINED]))) > len(lines[:_EXAMINED]):
+        mark = max(",;\t ", key=_STAMP.sub("", lines[min(len(lines), _EXAMINED) // 2]).count)
+        lines = [_STAMP.sub(lambda stamp: (stamp[1] if stamp[2] else "time") + mark, line) for line in lines]
     seen = Counter(tuple(_LABEL.findall(line)) for line in lines[:_EXAMINED] if line.strip())
     labels, count = seen.most_common(1)[0] if seen else ((), 0)
     if len(labels) < 2 or len(set(labels)) < len(labels) or 2 * count <= seen.total():

@@ -140,9 +140,10 @@ def read_text_table(
     # of words, by what the table is used for, or by most cells with something in them
     most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
     omitted = words.any(axis=0) & (most if used is None else ~np.isin(names, list(used)))
-    for i in np.flatnonzero(omitted):
-        example = str(frame.iloc[int(np.argmax(words[:, i])), i])
-        notes.append(f"The column {names[i]} is left out: it has words, such as {example[:40]!r}.")
+    if omitted.any():
+        examples = (str(frame.iloc[int(np.argmax(words[:, i])), i])[:40] for i in np.flatnonzero(omitted))
+        listed = (f"{names[i]} ({cell!r})" for i, cell in zip(np.flatnonzero(omitted), examples, strict=True))
+        notes.append(f"Columns with words are left out: {', '.join(listed)}.")
     words[:, omitted] = False
     spoilt = words.any(axis=1)
     if spoilt.any():
@@ -207,7 +208,9 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
     head = read_head(path)
     if not head.rows:
-        raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
+        raise InputError(
+            f"{path} contains no table: no lines consist of numbers, or of numbers with the same labels."
+        )
     if head.rows == 1:
         line = head.layout.header_lines + 1
         raise InputError(f"{path} has one row of numbers (line {line}); a log needs at least two.")
@@ -266,7 +269,8 @@ def read_head(path: str | Path) -> Head:
     return Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
         rows=len(rows),
-        named=bool(labels or said) or named is not None,
+        # a greeting is no header
+        named=named is not None or abs(len(words[-1]) - width) < 0.5 * width,
         above=above,
         problems=tuple(problems),
         units=units,
