@@ -436,29 +436,6 @@ def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -
     yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
-def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
-    """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
-    wanted = _answers(surest)
-    for proposal in proposals:
-        different = (key for key, value in _answers(proposal).items() if wanted.get(key, value) != value)
-        if other := next(different, ""):
-            yield proposal, other
-
-
-def _answers(proposal: Proposal) -> dict[str, object]:
-    """Return the properties of the robot that a log shows with confidence."""
-    answers: dict[str, object] = {}
-    if proposal.tested is not None and proposal.tested.confidence >= CONFIDENT:
-        answers["order of the wheels"] = proposal.frame.order
-        if proposal.frame.direction >= CONFIDENT:
-            answers["signs of the wheels"] = proposal.frame.signs
-            answers["turn of the IMU"] = round(math.degrees(proposal.frame.turn) / 30.0) % 12
-    assigned = proposal.drive.assigned if proposal.drive else None
-    if assigned is not None and assigned.confidence >= CONFIDENT:
-        answers["order and signs of the commands"] = (assigned.wheels, assigned.signs)
-    return answers
-
-
 def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
     margins = [proposal.tested.margin if proposal.tested else 0.0 for proposal in evaluated]
@@ -469,10 +446,12 @@ def surest(evaluated: Sequence[Proposal]) -> Proposal:
 def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
     """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
 
-    `common`, the surest of several logs of the same robot, answers what this log leaves open.
+    `common`, the surest of several logs of the same robot, gives the mapping, but for this log's own times.
     """
     if common is not None:
-        proposal = _answered(proposal, common)
+        base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
+        answers = replace(proposal, frame=common.frame, drive=common.drive, questions=common.questions)
+        proposal = replace(answers, base=base, keep=None)
     robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
     if not refusal:
         try:
@@ -523,20 +502,6 @@ def _too_coarse(log: Log) -> str:
         f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
         "ms apart, which is too coarse to show when they act. Log every control period."
     )
-
-
-def _answered(proposal: Proposal, common: Proposal) -> Proposal:
-    """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
-    still = {question.key for question in common.questions}
-    questions = tuple(question for question in proposal.questions if question.key in still)
-    base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
-    answered = replace(proposal, questions=questions, keep=None, base=base)
-    if proposal.questions and proposal.tested is not None and common.tested is not None:
-        answered, drive, other = replace(answered, frame=common.frame), proposal.drive, common.drive
-        if drive is not None and other is not None:
-            drive = replace(drive, assigned=other.assigned, ratios=other.ratios)
-            answered = replace(answered, drive=drive)
-    return answered
 
 
 def _refusal(proposal: Proposal) -> str:
