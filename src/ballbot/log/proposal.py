@@ -160,9 +160,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
-        base = replace(
-            base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None, turn=None)
-        )
+        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
     what = _what(base.roles, motion)
     looks = unread_columns(base.cut, roles)
@@ -574,7 +572,7 @@ def _recording_lines(proposal: Proposal) -> dict[str, list[str]]:
     layout = [
         _line(key, value, "time starts again outside these rows" if key == "rows" else "")
         for key, value in vars(base.layout).items()
-        if key in ("separator", "header_lines") or value != getattr(OWN_LAYOUT, key)
+        if value != getattr(OWN_LAYOUT, key)
     ]
     noise, reason = motion.noise if motion else None, ""
     if noise:

@@ -18,7 +18,6 @@ from ballbot.log.imu_angles import (
     integral_of,
     less_half_a_turn,
     turning_tilts,
-    within_half_a_turn,
 )
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.placement import (
@@ -119,8 +118,6 @@ class Columned:
     def raw_attitude(self) -> Floats:
         """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
-        if self.roles.turn is not None:
-            values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
             values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
         return values
