@@ -24,7 +24,7 @@ from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.log import Log
-from ballbot.log.mapping import DutyTable, apply_mapping, parse_mapping
+from ballbot.log.mapping import DutyTable, InputTable, apply_mapping, parse_mapping
 from ballbot.log.mapping_search.commands import (
     KINDS,
     CommandDrive,
@@ -185,7 +185,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
     if roles.commands:
         try:
-            needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None
+            needs = needs_of(mapped(proposal)[0], robot) if base.roles.attitude and tested else None
         except InputError:  # too short, or rows without a value
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
@@ -451,9 +451,10 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
         answers = replace(proposal, frame=common.frame, drive=common.drive, questions=common.questions)
         proposal = replace(answers, base=base, keep=None)
     robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
+    drive = None
     if not refusal:
         try:
-            log = mapped(proposal)
+            log, drive = mapped(proposal)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -461,7 +462,6 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
         wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        drive = parse_mapping(mapping_text(proposal), source="the mapping").input
         band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
         evidence = (
             f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
@@ -481,12 +481,12 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
     return replace(proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
 
 
-def mapped(proposal: Proposal) -> Log:
-    """Return the log that a proposal makes; one without a drive takes the commands for torques."""
+def mapped(proposal: Proposal) -> tuple[Log, InputTable | None]:
+    """Return the log that a proposal makes, and its [input]; without a drive the commands are taken for torques."""
     text = mapping_text(replace(proposal, questions=()))
     mapping = parse_mapping(text, source="the mapping")
     log = Log(apply_mapping(mapping, proposal.base.cut, robot=proposal.robot))
-    return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
+    return (with_odometry(log, proposal.robot) if proposal.roles.attitude else log), mapping.input
 
 
 def _too_coarse(log: Log) -> str:
