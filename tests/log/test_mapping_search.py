@@ -10,7 +10,7 @@ from ballbot.errors import InputError
 from ballbot.log import proposal as proposal_module
 from ballbot.log.mapping import DutyTable, parse_mapping
 from ballbot.log.mapping_search.motion import Stated, _continued
-from ballbot.log.proposal import MOST_LINES, Proposal, answer_lines, contradictions, evaluate, propose
+from ballbot.log.proposal import MOST_LINES, Proposal, answer_lines, evaluate, propose
 from ballbot.robot import Robot
 from tests.support.foreign_log_examples import (
     COURSE,
@@ -25,6 +25,11 @@ from tests.support.foreign_logs import Habits
 def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None) -> Proposal:
     file = write_foreign(path / "run.txt", foreign_columns(habits), habits)
     return evaluate(propose(file, small_robot(), stated or Stated(command="duty")))
+
+
+@pytest.fixture(scope="module")
+def surest(tmp_path_factory) -> Proposal:
+    return found_for(tmp_path_factory.mktemp("surest"))
 
 
 @pytest.mark.parametrize(
@@ -181,11 +186,14 @@ def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
     assert "from row to row, 10 ms apart" in found.refusal
 
 
-def test_a_log_that_contradicts_the_others_is_named(tmp_path):
-    one = found_for(tmp_path)
-    negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
-    assert list(contradictions([one, one], one)) == []
-    assert [words for _, words in contradictions([one, negated], one)] == ["signs of the wheels"]
+@pytest.mark.parametrize(
+    "other", [{}, {"signs": (-1, -1, -1)}, {"turn": 0.5236}, {"command_order": (0, 2, 1)}]
+)
+def test_a_log_that_contradicts_the_mapping_of_the_surest_is_refused(tmp_path, surest, other):
+    habits = replace(COURSE, **other)
+    file = write_foreign(tmp_path / "other.txt", foreign_columns(habits), habits)
+    found = evaluate(propose(file, small_robot(), Stated(command="duty")), common=surest)
+    assert ("contradicts the robot" in found.refusal) == bool(other)
 
 
 def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from ballbot.log.columns import given_names
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.proposal import Proposal, answer_lines, contradictions, evaluate, propose, surest
+from ballbot.log.proposal import Proposal, answer_lines, evaluate, propose, surest
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
@@ -150,14 +150,14 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
 
 def _problem(evaluated: Sequence[Proposal], surest: Proposal) -> str:
     """Return why no mapping can be used for these logs; empty if one can."""
-    for other, words in contradictions(evaluated, surest):
-        return f"{other.base.path} contradicts the other logs in its {words}: it is from another robot or firmware."
     for proposal in evaluated:
         if proposal.base.layout.names != surest.base.layout.names:
             return (
                 f"The columns of {proposal.base.path} differ from those of {surest.base.path}: the logs agree, but "
                 "each needs its own mapping. Check them one by one."
             )
-    return next(
-        (f"{proposal.base.path}: {proposal.refusal}" for proposal in evaluated if proposal.refusal), ""
-    )
+    for proposal in (surest, *evaluated):
+        if proposal.refusal:
+            by = "" if proposal is surest else f"by the mapping of {surest.base.path}, "
+            return f"{proposal.base.path}: {by}{proposal.refusal}"
+    return ""

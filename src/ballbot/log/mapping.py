@@ -338,8 +338,7 @@ class LogMapping:
             unit = ("N m", drive.unit if isinstance(drive, TorqueTable) else None, None)
             if isinstance(drive, DutyTable) and drive.kind == "voltage":
                 drive = replace(drive, scale=drive.scale / drive.supply_voltage)
-            more = (drive.zero, drive.direction or None)
-            sources |= _series("[input]", self.commands, drive, drive.sign, unit, *more, order=wheels.order)
+            sources |= _series("[input]", self.commands, drive, drive.sign, unit, order=wheels.order)
         return sources
 
     @cached_property
@@ -476,8 +475,6 @@ def _series(
     table: SeriesTable,
     sign: Sign | tuple[Sign, ...],
     unit: _Unit,
-    zero: float | tuple[float, ...] = 0.0,
-    directions: tuple[str, ...] | None = None,
     *,
     order: tuple[int, ...] | None = None,
 ) -> dict[str, Source]:
@@ -495,16 +492,14 @@ def _series(
             )
         return values
 
+    zero, direction = (table.zero, table.direction or None) if isinstance(table, MotorsTable) else (0.0, None)
     units, signs, zeros = each("unit", unit[1]), each("sign", sign), each("zero", zero)
-    directions_of = each("direction", directions)
-    sources = {}
+    directions, sources = each("direction", direction), {}
     for name, number in zip(names, order, strict=False):
         k = number - 1
         factor = signs[k] * table.scale * _factor(where, unit[0], units[k], unit[2])
-        offset, direction = -zeros[k] * factor, directions_of[k]
-        sources[name] = Source(
-            column=table.sources[k], factor=factor, offset=offset, delay=table.delay, direction=direction
-        )
+        source = Source(column=table.sources[k], factor=factor, offset=-zeros[k] * factor, delay=table.delay)
+        sources[name] = replace(source, direction=directions[k])
     return sources
 
 

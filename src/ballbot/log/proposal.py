@@ -24,7 +24,7 @@ from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.log import Log
-from ballbot.log.mapping import DutyTable, apply_mapping, parse_mapping
+from ballbot.log.mapping import DutyTable, InputTable, apply_mapping, parse_mapping
 from ballbot.log.mapping_search.commands import (
     KINDS,
     CommandDrive,
@@ -160,9 +160,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
-        base = replace(
-            base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None, turn=None)
-        )
+        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
     what = _what(base.roles, motion)
     looks = unread_columns(base.cut, roles)
@@ -187,7 +185,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
     if roles.commands:
         try:
-            needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None
+            needs = needs_of(mapped(proposal)[0], robot) if base.roles.attitude and tested else None
         except InputError:  # too short, or rows without a value
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
@@ -436,29 +434,6 @@ def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -
     yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
-def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
-    """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
-    wanted = _answers(surest)
-    for proposal in proposals:
-        different = (key for key, value in _answers(proposal).items() if wanted.get(key, value) != value)
-        if other := next(different, ""):
-            yield proposal, other
-
-
-def _answers(proposal: Proposal) -> dict[str, object]:
-    """Return the properties of the robot that a log shows with confidence."""
-    answers: dict[str, object] = {}
-    if proposal.tested is not None and proposal.tested.confidence >= CONFIDENT:
-        answers["order of the wheels"] = proposal.frame.order
-        if proposal.frame.direction >= CONFIDENT:
-            answers["signs of the wheels"] = proposal.frame.signs
-            answers["turn of the IMU"] = round(math.degrees(proposal.frame.turn) / 30.0) % 12
-    assigned = proposal.drive.assigned if proposal.drive else None
-    if assigned is not None and assigned.confidence >= CONFIDENT:
-        answers["order and signs of the commands"] = (assigned.wheels, assigned.signs)
-    return answers
-
-
 def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
     margins = [proposal.tested.margin if proposal.tested else 0.0 for proposal in evaluated]
@@ -469,14 +444,17 @@ def surest(evaluated: Sequence[Proposal]) -> Proposal:
 def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
     """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
 
-    `common`, the surest of several logs of the same robot, answers what this log leaves open.
+    `common`, the surest of several logs of the same robot, gives the mapping, but for this log's own times.
     """
     if common is not None:
-        proposal = _answered(proposal, common)
+        base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
+        answers = replace(proposal, frame=common.frame, drive=common.drive, questions=common.questions)
+        proposal = replace(answers, base=base, keep=None)
     robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
+    drive = None
     if not refusal:
         try:
-            log = mapped(proposal)
+            log, drive = mapped(proposal)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -484,7 +462,6 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
         wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        drive = parse_mapping(mapping_text(proposal), source="the mapping").input
         band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
         evidence = (
             f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
@@ -504,12 +481,12 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
     return replace(proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
 
 
-def mapped(proposal: Proposal) -> Log:
-    """Return the log that a proposal makes; one without a drive takes the commands for torques."""
+def mapped(proposal: Proposal) -> tuple[Log, InputTable | None]:
+    """Return the log that a proposal makes, and its [input]; without a drive the commands are taken for torques."""
     text = mapping_text(replace(proposal, questions=()))
     mapping = parse_mapping(text, source="the mapping")
     log = Log(apply_mapping(mapping, proposal.base.cut, robot=proposal.robot))
-    return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
+    return (with_odometry(log, proposal.robot) if proposal.roles.attitude else log), mapping.input
 
 
 def _too_coarse(log: Log) -> str:
@@ -523,20 +500,6 @@ def _too_coarse(log: Log) -> str:
         f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
         "ms apart, which is too coarse to show when they act. Log every control period."
     )
-
-
-def _answered(proposal: Proposal, common: Proposal) -> Proposal:
-    """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
-    still = {question.key for question in common.questions}
-    questions = tuple(question for question in proposal.questions if question.key in still)
-    base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
-    answered = replace(proposal, questions=questions, keep=None, base=base)
-    if proposal.questions and proposal.tested is not None and common.tested is not None:
-        answered, drive, other = replace(answered, frame=common.frame), proposal.drive, common.drive
-        if drive is not None and other is not None:
-            drive = replace(drive, assigned=other.assigned, ratios=other.ratios)
-            answered = replace(answered, drive=drive)
-    return answered
 
 
 def _refusal(proposal: Proposal) -> str:
@@ -609,7 +572,7 @@ def _recording_lines(proposal: Proposal) -> dict[str, list[str]]:
     layout = [
         _line(key, value, "time starts again outside these rows" if key == "rows" else "")
         for key, value in vars(base.layout).items()
-        if key in ("separator", "header_lines") or value != getattr(OWN_LAYOUT, key)
+        if value != getattr(OWN_LAYOUT, key)
     ]
     noise, reason = motion.noise if motion else None, ""
     if noise:

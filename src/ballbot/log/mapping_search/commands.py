@@ -247,8 +247,6 @@ def _scale_of(
     }
     for candidate, torque in standstill.items():
         scales = _scales(candidate, base)
-        if not scales:
-            continue
         size = gain * torque
         logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
         deviation = math.hypot(error, RATIO_DEVIATION)

@@ -1,7 +1,7 @@
 """What the sensors of a foreign log show, with the units that their motion supports."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from operator import itemgetter
@@ -17,7 +17,6 @@ from ballbot.log.imu_angles import (
     AngleSequence,
     integral_of,
     turning_tilts,
-    within_half_a_turn,
 )
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.placement import (
@@ -118,8 +117,6 @@ class Columned:
     def raw_attitude(self) -> Floats:
         """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
-        if self.roles.turn is not None:
-            values[:, :2] = within_half_a_turn(values[:, :2], 0.5 * self.roles.turn)
         if self.roles.half_turn is not None:
             values[:, 0] = within_half_a_turn(values[:, 0] - self.roles.half_turn, self.roles.half_turn)
         return values
@@ -158,11 +155,6 @@ class Tilts:
     apart: float = (
         0.0  #: standard deviation of the yaw [rad], by which directions of the lean then still differ
     )
-
-    @property
-    def sigma(self) -> float:
-        """-1 if the yaw counts against tilts that do not turn."""
-        return math.copysign(1.0, self.handedness)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -232,15 +224,37 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * robot.drive.top_speed
     carried = angles if roles.of_speeds else without_resets(t, angles, limit)
     sampled, noise = (t, None) if roles.of_speeds else _sampled(t, carried)
-    attitude, gyro, tilts = None, None, Tilts()
+    rows, kept = even_rows(t), new_messages(sampled)
+
+    def smoothed(values: Floats, width: float = WIDTHS[-1]) -> Smooth:
+        return smooth(rows, sampled[kept], values[kept], width=width)
+
+    attitude, tilts, with_yaw = None, Tilts(), len(roles.attitude) > 2
+    named = roles.unit(roles.gyro)
+    turning = base.stacked(roles.gyro) if roles.attitude and roles.gyro else None
     if roles.attitude:
-        attitude = base.raw_attitude * [FACTORS["rad"][unit] for unit in base.angle_units(lean.name)]
-        if len(roles.attitude) == 3 and not roles.quaternion and roles.half_turn is None:
-            tilts = _tilts(base, carried, sampled, attitude)
+        attitude = np.zeros((len(t), 3))
+        attitude[:, : len(roles.attitude)] = base.raw_attitude * [
+            FACTORS["rad"][unit] for unit in base.angle_units(lean.name)
+        ]
+        attitude[:, 2] = np.unwrap(attitude[:, 2])
+        if with_yaw and not roles.quaternion and roles.half_turn is None:
+            tilts = _tilts(base, smoothed, carried, attitude, turning)
         if tilts.sequence == "XYZ":
             attitude[:, :2] = turning_tilts(attitude, math.copysign(1.0, tilts.handedness))
-        gyro = _gyro(base, sampled, attitude) if roles.gyro else None
-    tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
+    leans = [] if attitude is None else [smoothed(attitude, width) for width in WIDTHS]
+    rates = [] if turning is None else [smoothed(turning, width) for width in WIDTHS]
+    fits = [_gyro_fit(*pair, named, with_yaw=with_yaw) for pair in zip(leans, rates, strict=False)]
+    gyro = max((fit for fit in fits if fit), key=lambda fit: min(fit.correlations[:2]), default=None)
+    tried = [
+        _signals(
+            base,
+            smoothed(carried, width),
+            leans[k] if leans else None,
+            rates[k].each(gyro.rates) if gyro else None,
+        )
+        for k, width in enumerate(WIDTHS)
+    ]
     known: list[tuple[float, Signals, LeanTest]] = []
     for signals in tried:
         test = signals.lean and lean_test(
@@ -253,8 +267,8 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
     _, signals, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
     if tested and attitude is not None and len(roles.attitude) == 2 and roles.half_turn is None:
         heading = signals.heading or heading_of(robot, signals.wheels, tested.placements[0])
-        yaw = np.interp(sampled, signals.rows, heading.value[:, 0])
-        tilts = _tilts(base, carried, sampled, np.column_stack([attitude, yaw]))
+        attitude[:, 2] = np.interp(sampled, signals.rows, heading.value[:, 0])
+        tilts = _tilts(base, smoothed, carried, attitude, turning)
         # without a yaw there is nothing to turn tilts by
         tilts = tilts if tilts.sequence == "ZYX" else replace(tilts, sequence="ZYX", odds=-tilts.odds)
     return SensedMotion(
@@ -285,56 +299,45 @@ def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | N
     return sampling_times(t, angles), (before, after)
 
 
-def _signals(
-    base: Columned, angles: Floats, sampled: Floats, attitude: Floats | None, gyro: Gyro | None, width: float
-) -> Signals:
+def _signals(base: Columned, wheels: Smooth, angles: Smooth | None, rates: Smooth | None) -> Signals:
     """Return the signals on even rows; with a gyro, the lean's rates are the gyro's, and the heading without a yaw."""
-    rows, kept = even_rows(base.t), new_messages(sampled)
-
-    def smoothed(values: Floats) -> Smooth:
-        return smooth(rows, sampled[kept], values[kept], width=width)
-
-    wheels, tilt, heading = smoothed(angles), None, None
-    commands = base.held_commands(rows) if base.roles.commands else None
-    if attitude is not None:
-        tilt = smoothed(attitude[:, :2])
-        if attitude.shape[1] > 2:
-            heading = smoothed(np.unwrap(attitude[:, 2:], axis=0))
-    if gyro is not None and tilt is not None:
-        rates = smoothed(gyro.rates(base.stacked(base.roles.gyro)))
-        tilt = Smooth(value=tilt.value, rate=rates.value[:, :2], acceleration=rates.rate[:, :2])
+    rows, lean, heading = even_rows(base.t), None, None
+    if angles is not None:
+        lean, heading = (angles.each(itemgetter(part)) for part in (np.s_[:, :2], np.s_[:, 2:]))
+        heading = heading if len(base.roles.attitude) > 2 else None
+    if lean is not None and rates is not None:
+        lean = replace(lean, rate=rates.value[:, :2], acceleration=rates.rate[:, :2])
         if heading is None:
             value = INTERVAL * np.cumsum(rates.value[:, 2:], axis=0)
             heading = Smooth(value=value, rate=rates.value[:, 2:], acceleration=rates.rate[:, 2:])
-    usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
+    commands = base.held_commands(rows) if base.roles.commands else None
+    usable = balancing_rows(lean.value if lean else None, wheels.rate, commands)
     usable &= np.interp(rows, base.t, base.frozen.astype(np.float64)) == 0.0
-    return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
+    return Signals(rows=rows, wheels=wheels, lean=lean, heading=heading, usable=usable)
 
 
-def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) -> Tilts:
+def _tilts(
+    base: Columned,
+    smoothed: Callable[[Floats], Smooth],
+    angles: Floats,
+    attitude: Floats,
+    turning: Floats | None,
+) -> Tilts:
     """Return whether roll and pitch turn with the yaw (M, 3) [rad], by the law of the lean and by a gyro.
 
     Each sequence is tried with a yaw of either handedness, and the widest filter: headings turn slowly.
     """
-    kept, sigmas = new_messages(sampled), (1.0, -1.0)
-    attitude = np.column_stack([attitude[:, :2], np.unwrap(attitude[:, 2])])
+    sigmas = (1.0, -1.0)
     still = [np.column_stack([turning_tilts(attitude, sigma), attitude[:, 2]]) for sigma in sigmas]
-    smoothed = (
-        smooth(even_rows(base.t), sampled[kept], values[kept], width=WIDTHS[-1])
-        for values in (angles, attitude, *still)
-    )
-    wheels, turning, *tilts = smoothed
-    heading, usable = turning.value[:, 2], balancing_rows(turning.value[:, :2], wheels.rate, None)
+    wheels, turned, *tilts = map(smoothed, (angles, attitude, *still))
+    heading, usable = turned.value[:, 2], balancing_rows(turned.value[:, :2], wheels.rate, None)
     if not usable.any() or float(np.std(heading[usable])) < STILL_HEADING:
         return Tilts()
-    readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
+    readings = [*((sigma, turned) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
     evidence = [unexplained_by_readings(base.robot, readings, wheels, usable)]
-    if base.roles.gyro:
-        rates = smooth(
-            even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1]
-        )
-        named = base.roles.unit(base.roles.gyro)
-        left = [_unexplained_by_gyro(reading, rates.value, named, usable) for _, reading in readings]
+    if turning is not None:
+        rates, named = smoothed(turning), base.roles.unit(base.roles.gyro)
+        left = [_unexplained_by_gyro(reading, rates, named, usable) for _, reading in readings]
         evidence.append((left, usable.astype(np.float64)))
 
     def odds(one: int, other: int) -> float:
@@ -352,28 +355,16 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     )
 
 
-def _unexplained_by_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
+def _unexplained_by_gyro(angles: Smooth, rates: Smooth, named: str | None, usable: Bools) -> Floats:
     """Return the squares (B,) that a gyro (N, 3) leaves of the rates about x and y by angles (N, 3) [rad]."""
     gyro, body = _gyro_fit(angles, rates, named, with_yaw=True), _body_rates(angles)
-    left = ((body if gyro is None else gyro.rates(rates) - body)[:, :2]) * usable[:, None]
+    left = ((body if gyro is None else gyro.rates(rates.value) - body)[:, :2]) * usable[:, None]
     return block_sums((left**2).sum(axis=1), np.arange(len(left)) // round(1.0 / INTERVAL))
 
 
-def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
-    """Return which of the 48 ways of a cube a gyro's columns fit the rates of the angles; None if none fits them."""
-    rows, kept, with_yaw = even_rows(base.t), new_messages(sampled), attitude.shape[1] > 2
-    yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
-    angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
-    named, fits = base.roles.unit(base.roles.gyro), []
-    for width in WIDTHS:
-        turned, turning = (smooth(rows, sampled[kept], s[kept], width=width) for s in (angles, gyro))
-        fits.append(_gyro_fit(turned, turning.value, named, with_yaw=with_yaw))
-    return max((fit for fit in fits if fit), key=lambda fit: min(fit.correlations[:2]), default=None)
-
-
-def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
-    """Return how a gyro (N, 3) fits the rates of angles (N, 3) [rad]; None if it does not."""
-    b = _body_rates(angles)
+def _gyro_fit(angles: Smooth, gyro: Smooth, named: str | None, *, with_yaw: bool) -> Gyro | None:
+    """Return which way of a cube a gyro (N, 3) fits the rates of angles (N, 3) [rad]; None if none fits."""
+    a, b = gyro.value, _body_rates(angles)
     R, confidence = confidence_in(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
@@ -395,8 +386,8 @@ def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -
     unit = min(names, key=lambda name: abs(math.log(gain * table[name])))
     if abs(math.log(gain * table[unit])) > GYRO_GAIN:
         return None
-    gyro = Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(agreement))
-    return replace(gyro, handedness=_shared_handedness(angles, gyro.rates(a), with_yaw=with_yaw))
+    fit = Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(agreement))
+    return replace(fit, handedness=_shared_handedness(angles, fit.rates(a), with_yaw=with_yaw))
 
 
 def _shared_handedness(angles: Smooth, turning: Floats, *, with_yaw: bool) -> float:

@@ -27,7 +27,6 @@ from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, UNIT_OF, UNITS, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles, within_half_a_turn
-from ballbot.results import left_out
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]
@@ -310,8 +309,6 @@ class Roles:
     quaternion: tuple[str, ...] = ()  #: w, x, y and z, of which the attitude is made
     of_speeds: bool = False  #: whether the file has wheel speeds alone, whose integrals are the angles
     half_turn: float | None = None  #: in the file's unit, if the roll shows that the IMU hangs upside down
-    #: in the file's unit, if roll and pitch are from zero to one
-    turn: float | None = field(default=None, metadata=left_out)
     units: Mapping[str, str] = field(default_factory=dict)  #: of columns, as their names say
 
     def unit(self, names: tuple[str, ...]) -> str | None:
@@ -342,9 +339,11 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
             "--columns t,roll,pitch,.. (_ for a column that is not needed), or write a mapping file."
         )
     if roles.attitude and not roles.quaternion:
-        unit, (roll, pitch) = roles.unit(roles.attitude), (columns[name] for name in roles.attitude[:2])
-        half, turn = _turn_near(roll, 0.5, unit), _turn_near(np.concatenate([roll, pitch]), 1.0, unit)
-        roles = replace(roles, half_turn=half and 0.5 * half, turn=turn)
+        unit, lean = roles.unit(roles.attitude), {name: columns[name] for name in roles.attitude[:2]}
+        if turn := _turn_near(np.concatenate([*lean.values()]), 1.0, unit):
+            columns |= {name: within_half_a_turn(angle, 0.5 * turn) for name, angle in lean.items()}
+        half = _turn_near(columns[roles.attitude[0]], 0.5, unit)
+        roles = replace(roles, half_turn=half and 0.5 * half)
     return replace(table, columns=columns), roles
 
 
