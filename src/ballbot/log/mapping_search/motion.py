@@ -17,6 +17,7 @@ from ballbot.log.imu_angles import (
     AngleSequence,
     integral_of,
     turning_tilts,
+    within_half_a_turn,
 )
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.placement import (
