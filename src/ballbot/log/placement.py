@@ -336,9 +336,8 @@ class _LeanLaw:
 def heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
     wheel = robot.wheels
-    turns = (
-        robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
-    )  # their sum over the heading's
+    # the sum of the wheels' speeds over the heading's rate
+    turns = robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
     way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
     return wheels.each(lambda signal: signal @ way)
 
