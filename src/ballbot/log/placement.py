@@ -145,6 +145,7 @@ class HeadingTest:
     """How the sum of the wheels' speeds follows the heading's rate, in the rows of balancing."""
 
     correlation: float  #: negative if the wheels count as the robot's do
+    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
 
 
@@ -247,7 +248,7 @@ def lean_test(
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
-    turned = heading and _heading_test(best, wheels.rate[usable], heading.rate[usable])
+    turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
         confidence=confidence,
@@ -333,20 +334,24 @@ class _LeanLaw:
         return block_sums(rest, _blocks(len(rest)))
 
 
+def _turns(robot: Robot) -> float:
+    """Return the sum of the wheels' speeds over the heading's rate, of a ball that does not spin."""
+    wheel = robot.wheels
+    return robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
+
+
 def heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
-    wheel = robot.wheels
-    # the sum of the wheels' speeds over the heading's rate
-    turns = robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
-    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
+    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / _turns(robot)
     return wheels.each(lambda signal: signal @ way)
 
 
-def _heading_test(placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
+def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
     """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1)."""
     total = (speeds @ np.asarray(placement.signs, dtype=np.float64))[:, None]
     correlation, confidence = (float(each[0, 0]) for each in confidence_in(total, rate))
-    return HeadingTest(correlation=correlation, confidence=confidence)
+    gain = abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / _turns(robot)
+    return HeadingTest(correlation=correlation, gain=gain, confidence=confidence)
 
 
 def advantage(better: Floats, other: Floats, weights: Floats) -> float:
