@@ -101,9 +101,6 @@ UNKNOWN_HEADING = 0.3
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: weight for each second of the logarithm of the ratio of two misfits (`behind`)
 EACH_SECOND = 0.6
-#: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
-#: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
-SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
 
@@ -148,6 +145,7 @@ class HeadingTest:
     """How the sum of the wheels' speeds follows the heading's rate, in the rows of balancing."""
 
     correlation: float  #: negative if the wheels count as the robot's do
+    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
 
 
@@ -250,7 +248,7 @@ def lean_test(
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
-    turned = heading and _heading_test(best, wheels.rate[usable], heading.rate[usable])
+    turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
         confidence=confidence,
@@ -336,21 +334,24 @@ class _LeanLaw:
         return block_sums(rest, _blocks(len(rest)))
 
 
+def _turns(robot: Robot) -> float:
+    """Return the sum of the wheels' speeds over the heading's rate, of a ball that does not spin."""
+    wheel = robot.wheels
+    return robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
+
+
 def heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
-    wheel = robot.wheels
-    turns = (
-        robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
-    )  # their sum over the heading's
-    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
+    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / _turns(robot)
     return wheels.each(lambda signal: signal @ way)
 
 
-def _heading_test(placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
+def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
     """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1)."""
     total = (speeds @ np.asarray(placement.signs, dtype=np.float64))[:, None]
     correlation, confidence = (float(each[0, 0]) for each in confidence_in(total, rate))
-    return HeadingTest(correlation=correlation, confidence=confidence)
+    gain = abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / _turns(robot)
+    return HeadingTest(correlation=correlation, gain=gain, confidence=confidence)
 
 
 def advantage(better: Floats, other: Floats, weights: Floats) -> float:
@@ -463,8 +464,6 @@ def _ranked_placements(
     prior = [usual.get(order, rare) * of_signs[len(set(signs)) == 1] for order, signs in every]
     probability = posterior(prior, behind(z, gained, seconds, each_second=EACH_SECOND))
     ranked = sorted(probability, key=lambda h: (-probability[h], score[h]))
-    likely, first = [h for h in ranked if probability[h] > TINY_PROBABILITY], every[ranked[0]]
-    shown = sum(probability[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     placements = [
         Placement(
@@ -478,20 +477,7 @@ def _ranked_placements(
         )
         for h in ranked
     ]
-    return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
-
-
-def _same_wheels(angles: Floats, first: _Arrangement, second: _Arrangement) -> bool:
-    """Return whether two placements give the robot's wheels the same angles, up to a turn of the robot and all signs.
-
-    With four wheels and a heading that stands still, opposite wheels have opposite angles.
-    """
-    n = angles.shape[1]
-    moved = angles - angles.mean(axis=0)
-    mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (first, second))
-    allowed = SAME_WHEELS * np.maximum(mine.std(axis=0), 1e-9)
-    turned = [sign * np.roll(others, turn, axis=1) for turn in range(n) for sign in (1.0, -1.0)]
-    return any(bool(np.all(np.std(mine - angles, axis=0) < allowed)) for angles in turned)
+    return placements, min(probability[ranked[0]], MOST) * min(max(explained, 0.0), 1.0)
 
 
 def _scores(

@@ -119,9 +119,8 @@ def _check(log: Log, robot: Robot) -> None:
         raise InputError(
             f"The log is {span:.4g} s long; a replay shows at most {LONGEST:g} s. Choose a part with --start and --end."
         )
-    others = other_wheels(log, robot.wheel_count)
-    if others:
-        raise InputError(f"{others.removesuffix('.')} with --robot.")
+    if others := other_wheels(log, robot.wheel_count):
+        raise InputError(f"{others[0].text.removesuffix('.')} with --robot.")
 
 
 def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:

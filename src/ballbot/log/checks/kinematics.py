@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ballbot.arrays import Bools, Floats
-from ballbot.findings import Finding, finding
-from ballbot.log.checks.table import CHECKS, judged
+from ballbot.findings import Finding
+from ballbot.log.checks.table import judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.evidence import SCALED
 from ballbot.log.log import Log
@@ -138,16 +138,15 @@ def _misread_axes(log: Log, robot: Robot, agreement: WheelAgreement | None) -> l
     return judged(key, columns, fault=words)
 
 
-def other_wheels(log: Log, wheel_count: int) -> str:
-    """Return a sentence on columns with values of wheels that a robot of so many does not have; empty without any."""
+def other_wheels(log: Log, wheel_count: int) -> list[Finding]:
+    """Return the error of columns with values of wheels that a robot of so many does not have."""
     names = [
         name
         for number in range(wheel_count + 1, MAX_WHEELS + 1)
         for name in (f"u{number}", f"wheel{number}", f"wheel{number}_dot")
         if name in log and np.unique(log[name][np.isfinite(log[name])]).size > 1
     ]
-    text = CHECKS["wheels: others"][1].format(names=", ".join(names), count=wheel_count)
-    return text if names else ""
+    return judged("wheels: others", names, len(names), names=", ".join(names), count=wheel_count)
 
 
 def check_sampling(log: Log, robot: Robot) -> list[Finding]:
@@ -173,7 +172,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
     columns, own = wheel_speed_names(robot.wheel_count), range(1, robot.wheel_count + 1)
     if others := other_wheels(log, robot.wheel_count):
-        return [finding("wheels", "error", others)]
+        return others
     agreement = wheel_agreement(log, robot)
     if misread := _misread_axes(log, robot, agreement):
         return misread
