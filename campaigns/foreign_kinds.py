@@ -28,8 +28,7 @@ SEED = 1
 OF_A_KIND = 7
 #: environment variables: logs of each kind, and the seed
 COUNT, SEED_KEY = "BALLBOT_KINDS", "BALLBOT_KINDS_SEED"
-FRICTION = "forces from elsewhere"
-#: by kind, its module's docstring names what it is
+FRICTION = "friction alone, or forces from elsewhere"
 KINDS = (*foreign_tables.KINDS, *contradicting_logs.KINDS, *faulty_samples.FAULTS, FRICTION)
 
 
@@ -72,21 +71,11 @@ def campaign() -> Section:
     packages = ["log", "identification", "validation"]
     outcomes = finished("foreign_kinds", judged, cases, packages=packages, workers=workers)
     counts = Counter((case.kind, case.sound, outcomes[name]) for name, case in cases.items())
-    columns = [
-        (False, "right"),
-        (False, "refused"),
-        (False, "wrong"),
-        (True, "right"),
-        (True, "refused"),
-        (True, "wrong"),
-    ]
+    columns = [(sound, result) for sound in (False, True) for result in ("right", "refused", "wrong")]
     rows = [[kind.replace("_", " "), *(str(counts[kind, *column]) for column in columns)] for kind in KINDS]
     sums = [sum(counts[kind, *column] for kind in KINDS) for column in columns]
-    bad = [
-        name
-        for name, case in cases.items()
-        if outcomes[name] == "wrong" or (case.sound and outcomes[name] != "right")
-    ]
+    sounds = {name: case.sound for name, case in cases.items()}
+    bad = [name for name, one in outcomes.items() if one == "wrong" or (sounds[name] and one != "right")]
     of = count * len(KINDS)
     return Section(
         title="Kinds of foreign logs, right or refused by name",

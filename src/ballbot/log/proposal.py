@@ -253,7 +253,10 @@ def _what(roles: Roles, motion: SensedMotion | None) -> What:
     if tested is None or lean is None or not moving.any():
         return "balancing"  # or standing: too little motion, which is asked for
     away = np.abs(lean.value - np.median(lean.value, axis=0)).max(axis=1)[moving]
-    held = tested.placements[0].unexplained > HELD or np.quantile(away, 0.9) > LARGEST_LEAN
+    # a lean whose unit is in doubt is not large
+    unit = sum(share for units, share in motion.likely.items() if units[0] == motion.units[0])
+    large = unit >= CONFIDENT and np.quantile(away, 0.9) > LARGEST_LEAN
+    held = large or tested.placements[0].unexplained > HELD
     return "held by hand" if held else "balancing"
 
 
