@@ -256,16 +256,7 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         )
         for k, width in enumerate(WIDTHS)
     ]
-    known: list[tuple[float, Signals, LeanTest]] = []
-    for signals in tried:
-        test = signals.lean and lean_test(
-            robot, signals.lean, signals.wheels, signals.heading, signals.usable
-        )
-        if test:
-            error = math.pi if test.phase_error is None else test.phase_error
-            known.append((error / max(test.confidence, 0.05), signals, test))
-    # the smallest error of the phase, which counts more if the placement is in doubt
-    _, signals, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
+    signals, tested = _best_tested(robot, tried)
     if tested and attitude is not None and len(roles.attitude) == 2 and roles.half_turn is None:
         heading = signals.heading or heading_of(robot, signals.wheels, tested.placements[0])
         attitude[:, 2] = np.interp(sampled, signals.rows, heading.value[:, 0])
@@ -285,6 +276,22 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         tested=tested,
         tilts=tilts,
     )
+
+
+def _best_tested(robot: Robot, tried: Sequence[Signals]) -> tuple[Signals, LeanTest | None]:
+    """Return the signals whose test of the lean has the smallest error of the phase, and that test; else the first.
+
+    That error counts more if the placement is in doubt.
+    """
+    known: list[tuple[float, Signals, LeanTest]] = []
+    for signals in tried:
+        if test := signals.lean and lean_test(
+            robot, signals.lean, signals.wheels, signals.heading, signals.usable
+        ):
+            error = math.pi if test.phase_error is None else test.phase_error
+            known.append((error / max(test.confidence, 0.05), signals, test))
+    _, best, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
+    return best, tested
 
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:
