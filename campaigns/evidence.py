@@ -10,11 +10,13 @@ that at its commit: its numbers may hold, but nobody has looked.
 """
 
 import ast
+import json
 import platform
 import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -27,6 +29,7 @@ from ballbot.cli.app import COMMANDS
 from ballbot.files import write_text
 from campaigns.section import DataMissingError
 from tests.golden.cases import CASES
+from tests.golden.compare import differences
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "generated" / "evidence.md"
@@ -123,8 +126,8 @@ def _origin(name: str, seconds: float) -> str:
     )
 
 
-#: packages by which no golden is chosen: of every command and of every robot
-_EVERYWHERE = {"cli", "report", "robot"}
+#: packages by which no golden is chosen: of every command, of every robot, and where work is done
+_EVERYWHERE = {"cli", "fitting", "report", "robot"}
 _MADE = re.compile(r"Made at (\w+); depends on ([\w, ]*)\.")
 _MARK = re.compile(r" \*\*Stale\*\*: .*")
 
@@ -144,28 +147,38 @@ def packages_of(path: Path) -> set[str]:
 
 
 def stale() -> dict[str, list[str]]:
-    """Return the goldens that changed since the commit of each section whose packages they exercise."""
+    """Return, by section, the commands that exercise its packages and give other results than at its commit."""
     modules = {command.name: command.target[0].replace(".", "/") for command in COMMANDS}
-    exercised = {
-        case.name: packages_of(ROOT / "src" / f"{modules[case.words[0]]}.py") for case in CASES if case.words
-    }
+    commands = {case.name: case.words[0] for case in CASES if case.words}
+    exercised = {case: packages_of(ROOT / "src" / f"{modules[name]}.py") for case, name in commands.items()}
     found = {}
     for name, section in written_sections().items():
         commit, packages = next(iter(_MADE.findall(section)), ("HEAD", ""))
-        changed = _git("diff", "--name-only", commit, "--", "tests/golden/results").split()
-        goldens = [Path(path).stem for path in changed]
-        found[name] = [case for case in goldens if exercised.get(case, set()) & set(packages.split(", "))]
+        shared = [case for case in _changed(commit) if exercised[case] & set(packages.split(", "))]
+        found[name] = sorted({commands[case] for case in shared})
     return found
+
+
+@cache
+def _changed(commit: str) -> list[str]:
+    """Return the cases of which a result differs from that at a commit; keys that come or go are no result."""
+    changed = []
+    for path in _git("diff", "--name-only", "--diff-filter=M", commit, "--", "tests/golden/results").split():
+        before, after = _git("show", f"{commit}:{path}"), (ROOT / path).read_text(encoding="utf-8")
+        found = differences("", json.loads(before), json.loads(after), same_machine=True)
+        if any("(absent)" not in one for one in found):
+            changed.append(Path(path).stem)
+    return changed
 
 
 def mark_stale() -> None:
     """Name the sections that are stale, and mark them on the page."""
     sections = written_sections()
-    for name, goldens in stale().items():
+    for name, commands in stale().items():
         text, mark = _MARK.sub("", sections[name]).rstrip("\n"), ""
-        if goldens:
-            print(f"{name}: {', '.join(goldens)}")
-            mark = f" **Stale**: results of {', '.join(goldens)} have changed since."
+        if commands:
+            print(f"{name}: {', '.join(commands)}")
+            mark = f" **Stale**: other results since then of `{'`, `'.join(commands)}`."
         sections[name] = f"{text}{mark}\n"
     _write(sections)
 
