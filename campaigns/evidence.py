@@ -146,41 +146,32 @@ def packages_of(path: Path) -> set[str]:
     return packages - {"", *_EVERYWHERE}
 
 
-def stale() -> dict[str, list[str]]:
-    """Return, by section, the commands that exercise its packages and give other results than at its commit."""
+def mark_stale() -> None:
+    """Name the sections with whose packages commands give other results than at their commits, and mark them."""
     modules = {command.name: command.target[0].replace(".", "/") for command in COMMANDS}
     commands = {case.name: case.words[0] for case in CASES if case.words}
     exercised = {case: packages_of(ROOT / "src" / f"{modules[name]}.py") for case, name in commands.items()}
-    found = {}
-    for name, section in written_sections().items():
+    sections = written_sections()
+    for name, section in sections.items():
         commit, packages = next(iter(_MADE.findall(section)), ("HEAD", ""))
-        shared = [case for case in _changed(commit) if exercised[case] & set(packages.split(", "))]
-        found[name] = sorted({commands[case] for case in shared})
-    return found
+        shared = [case for case in changed(commit) if exercised[case] & set(packages.split(", "))]
+        text, mark = _MARK.sub("", section).rstrip("\n"), ""
+        if others := sorted({commands[case] for case in shared}):
+            print(f"{name}: {', '.join(others)}")
+            mark = f" **Stale**: other results since then of `{'`, `'.join(others)}`."
+        sections[name] = f"{text}{mark}\n"
+    _write(sections)
 
 
 @cache
-def _changed(commit: str) -> list[str]:
-    """Return the cases of which a result differs from that at a commit; keys that come or go are no result."""
-    changed = []
+def changed(commit: str) -> list[str]:
+    """Return the goldens with another result than at a commit; keys that come or go are no result."""
+    found = []
     for path in _git("diff", "--name-only", "--diff-filter=M", commit, "--", "tests/golden/results").split():
-        before, after = _git("show", f"{commit}:{path}"), (ROOT / path).read_text(encoding="utf-8")
-        found = differences("", json.loads(before), json.loads(after), same_machine=True)
-        if any("(absent)" not in one for one in found):
-            changed.append(Path(path).stem)
-    return changed
-
-
-def mark_stale() -> None:
-    """Name the sections that are stale, and mark them on the page."""
-    sections = written_sections()
-    for name, commands in stale().items():
-        text, mark = _MARK.sub("", sections[name]).rstrip("\n"), ""
-        if commands:
-            print(f"{name}: {', '.join(commands)}")
-            mark = f" **Stale**: other results since then of `{'`, `'.join(commands)}`."
-        sections[name] = f"{text}{mark}\n"
-    _write(sections)
+        texts = _git("show", f"{commit}:{path}"), (ROOT / path).read_text(encoding="utf-8")
+        lines = differences("", *map(json.loads, texts), same_machine=True)
+        found += [Path(path).stem] if any("(absent)" not in line for line in lines) else []
+    return found
 
 
 def _git(*words: str) -> str:

@@ -46,11 +46,10 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
@@ -64,7 +63,7 @@ from ballbot.log.checks import CheckedLogs, findings_of
 from ballbot.robot import Robot, Rollers
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.robot.variations import draw_robots, with_default_errors
-from ballbot.simulation.plant import Measurement
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
@@ -76,6 +75,7 @@ from ballbot.workflows.controller_prediction import evaluate_log, lognormal_inte
 from ballbot.workflows.metrics import QUANTITIES, LogScore, score
 from ballbot.workflows.study import Study, StudyOptions, study
 from campaigns.section import Section, finished, markdown_table, share_words
+from tests.support.failing_motor import FailingMotor, Fault
 
 #: seeds of judged robots, each with the change that caused its run; the last one is to be run, the others have been
 RUNS: Mapping[int, str] = {826_914_075: "none: the first run"}
@@ -121,24 +121,10 @@ class Stranger:
         """Return the log of a course, whose estimator has the robot that is known, with the truth."""
         period = self.scenario.sensors.sample_time
         estimator = named_estimator(controller.estimator, known, sample_time=period)
-        plant = WeakMotors(Twin(self.true, self.scenario, estimator=estimator), self.torque_scale)
+        plant: Plant = Twin(self.true, self.scenario, estimator=estimator)
+        for wheel, scale in enumerate(self.torque_scale):
+            plant = FailingMotor(plant, Fault(kind=str(scale), motors=(wheel,), start=0.0, length=math.inf))
         return simulate(plant, controller, named_reference(course), duration=duration, seed=self.seed + seed)
-
-
-class WeakMotors:
-    """A twin whose motors give other torques than they are commanded."""
-
-    def __init__(self, twin: Twin, scale: Sequence[float]) -> None:
-        self._twin, self._scale = twin, np.asarray(scale)
-        self.robot = twin.robot
-
-    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Start as the twin does."""
-        return self._twin.reset(initial_state, seed=seed)
-
-    def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the scaled torques (n,) [N m] for a duration [s]."""
-        return self._twin.step(self._scale * np.asarray(torques), duration)
 
 
 def stranger(seed: int, number: int) -> Stranger:
@@ -233,11 +219,12 @@ class Row:
     circle: float = math.inf
     figure_eight: float = math.inf
     heading: float = math.nan  #: peak error on the square [rad]
-    logged: float = (
-        math.nan
-    )  #: peak error on the square as the robot's own log has it, which the study predicts [m]
+    logged: float = math.nan  #: peak error on the square in the robot's own log, which the study predicts [m]
     low: float = math.nan  #: of the prediction interval [m]
     high: float = math.nan
+    #: squared logarithms by which each quantity of a run that stood is off the median of the study's robots, less what
+    #: their spread covers: below and above
+    excess: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
 
     @property
     def inside(self) -> bool:
@@ -245,17 +232,8 @@ class Row:
         return math.isfinite(self.square) and self.low <= self.logged <= self.high
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
-    """A robot's row, and what the discrepancy of the prediction follows from."""
-
-    row: Row
-    drawn: tuple[LogScore, ...] = ()  #: of the study's robots, those that stood
-    seen: LogScore | None = None  #: of the true robot, if it stood
-
-
-def judged(piece: tuple[int, int]) -> Outcome:
-    """Return the outcome of a robot, given the seed of the set and the robot's number."""
+def judged(piece: tuple[int, int]) -> Row:
+    """Return what becomes of a robot, given the seed of the set and the robot's number."""
     robot = stranger(*piece)
     scenario, period = robot.scenario, robot.scenario.sensors.sample_time
     assert scenario.timing
@@ -272,7 +250,7 @@ def judged(piece: tuple[int, int]) -> Outcome:
         return _driven(robot, row, _studied(robot))
     except Exception as error:  # a traceback is a refusal too
         kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-        return Outcome(row=replace(row, refused=f"{kind}{error}"))
+        return replace(row, refused=f"{kind}{error}")
 
 
 def _studied(robot: Stranger) -> Study:
@@ -297,41 +275,43 @@ def _studied(robot: Stranger) -> Study:
     return made
 
 
-def _driven(robot: Stranger, row: Row, made: Study) -> Outcome:
-    """Return the outcome of a robot that drives the courses with the controller of its study."""
-    controller, chosen, prediction = made.choice.controller, made.choice.chosen, made.prediction
-    assert controller
+def _driven(robot: Stranger, row: Row, made: Study) -> Row:
+    """Return the row of a robot that drives the courses with the controller of its study."""
+    chosen, prediction = made.choice.chosen, made.prediction
     assert chosen
     assert prediction
+    trial = made.choice.trials[chosen]
+    controller, drawn = trial.controller, [performance.sizes() for performance in trial.performances]
     runs = {
         course: robot.run(controller, made.found.robot, course, duration, seed=len(RECORDED) + seed)
         for seed, (course, duration) in enumerate(COURSES.items())
     }
-    square, fell = runs["square"], [course for course, run in runs.items() if run.ended]
-    peaks = {
-        course: math.inf if run.ended else score(run).peak_position_error for course, run in runs.items()
-    }
+    square, interval = runs["square"], prediction.chosen["peak_error"]
     verdict = evaluate_log(prediction, square.without_truth(), controller)
-    seen, interval = verdict.quantities[QUANTITIES.index("peak_error")].value, prediction.chosen["peak_error"]
-    trial = made.choice.trials[chosen]
-    return Outcome(
-        row=replace(
-            row,
-            controller=chosen,
-            fell=", ".join(fell),
-            **peaks,
-            heading=score(square).peak_heading_error,
-            logged=seen,
-            low=interval.low,
-            high=interval.high,
-        ),
-        drawn=trial.performances,
-        seen=None if square.ended else LogScore.of(square, torque_limit=controller.torque_limit),
+    seen = LogScore.of(square, torque_limit=controller.torque_limit)
+    excess = {name: _excess([sizes[name] for sizes in drawn], value) for name, value in seen.sizes().items()}
+    return replace(
+        row,
+        controller=chosen,
+        fell=", ".join(course for course, run in runs.items() if run.ended),
+        **{name: math.inf if run.ended else score(run).peak_position_error for name, run in runs.items()},
+        heading=score(square).peak_heading_error,
+        logged=verdict.quantities[QUANTITIES.index("peak_error")].value,
+        low=interval.low,
+        high=interval.high,
+        excess={} if square.ended else excess,
     )
 
 
-def outcomes(seed: int, numbers: Sequence[int], *, workers: Executor = ALL_CORES) -> list[Outcome]:
-    """Return the outcomes of robots of a set; finished ones are kept in build/strangers_SEED."""
+def _excess(drawn: Sequence[float], value: float) -> tuple[float, float]:
+    plain, value = lognormal_interval(np.array(drawn)), max(value, 1e-9)
+    below, above = math.log(plain.median / value), math.log(value / plain.median)
+    covered = math.log(plain.median / plain.low), math.log(plain.high / plain.median)
+    return max(below, 0.0) ** 2 - covered[0] ** 2, max(above, 0.0) ** 2 - covered[1] ** 2
+
+
+def rows_of(seed: int, numbers: Sequence[int], *, workers: Executor = ALL_CORES) -> list[Row]:
+    """Return the rows of robots of a set; finished ones are kept in build/strangers_SEED."""
     pieces = {f"{number:03d}": (seed, number) for number in numbers}
     return list(finished(f"strangers_{seed}", judged, pieces, packages=PACKAGES, workers=workers).values())
 
@@ -340,7 +320,7 @@ def campaign() -> Section:
     """Judge the robots of the last seed, unless their table is there; return the section of the evidence."""
     last = list(RUNS)[-1]
     if not _table_of(last).exists():
-        rows = [asdict(outcome.row) for outcome in outcomes(last, range(ROBOTS))]
+        rows = [asdict(row) for row in rows_of(last, range(ROBOTS))]
         write_text(_table_of(last), json.dumps(rows, indent=0) + "\n")
     return section({seed: [Row(**row) for row in json.loads(read_text(_table_of(seed)))] for seed in RUNS})
 
@@ -373,17 +353,13 @@ def section(runs: Mapping[int, Sequence[Row]]) -> Section:
 
 
 def _summary(rows: Sequence[Row]) -> list[str]:
-    inside, close = (
-        sum(values) for values in zip(*((r.inside, r.square < CLOSE) for r in rows), strict=True)
-    )
     of_courses = [np.array([getattr(row, course) for row in rows]) for course in COURSES]
-    refused = [row.refused for row in rows if row.refused]
     return [
-        share_words(inside, len(rows)),
+        share_words(sum(row.inside for row in rows), len(rows)),
         *(f"{_millimetres(float(np.median(peaks)))}, {_millimetres(peaks.max())}" for peaks in of_courses),
-        share_words(close, len(rows)),
+        share_words(sum(row.square <= CLOSE for row in rows), len(rows)),
         str(sum(bool(row.fell) for row in rows)),
-        str(len(refused)),
+        str(sum(bool(row.refused) for row in rows)),
     ]
 
 
@@ -395,15 +371,17 @@ ROW_COLUMNS = (
 
 def _cells(row: Row) -> list[str]:
     place = "inside" if row.inside else "better" if row.logged < row.low else "worse"
-    fell = f"fell: {row.fell}" if row.fell else ""
+    predicted = f"{_millimetres(row.low)} to {_millimetres(row.high)}"
+    seen = [f"{math.degrees(row.heading):.1f}", _millimetres(row.logged), predicted]
     return [
         *(row.robot, f"{1e3 * row.pivoting:.1f}", f"{math.degrees(row.play):.1f}", f"{row.friction:.2f}"),
         *(f"{row.torque:.2f}", f"{1e3 * row.delay:.0f}", row.controller),
         *(_millimetres(getattr(row, course)) for course in COURSES),
-        "" if row.refused else f"{math.degrees(row.heading):.1f}",
-        "" if row.refused else _millimetres(row.logged),
-        "" if row.refused else f"{_millimetres(row.low)} to {_millimetres(row.high)}",
-        row.refused.replace("|", "/") or fell or place,
+        *(
+            ["", "", "", row.refused.replace("|", "/")]
+            if row.refused
+            else [*seen, f"fell: {row.fell}" if row.fell else place]
+        ),
     ]
 
 
@@ -411,39 +389,21 @@ def _millimetres(value: float) -> str:
     return f"{1e3 * value:.1f}" if math.isfinite(value) else "–"
 
 
-def discrepancy(predicted: Sequence[NDArray[np.float64]], actual: Sequence[float]) -> tuple[float, float]:
-    """Return the factors (lower, upper) with which each robot's interval holds its actual value in 95 % of robots.
+def discrepancy(excess: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the factors (lower, upper) that widen predictions until they hold a new robot's value in 95 % of cases.
 
-    Split conformal: on each side the score of rank ceil(0.975 (n + 1)), the largest if there are too few; a score is
-    the logarithm of the actual value over the median, less what the spread of the predicted values (draws,) covers.
+    Split conformal: on each side the score of rank ceil(0.975 (n + 1)), the largest if there are too few.
     """
-    scores = []
-    for values, value in zip(predicted, actual, strict=True):
-        plain = lognormal_interval(values)
-        away = np.log(max(value, 1e-9) / plain.median)
-        covered = (np.log(plain.median / plain.low), np.log(plain.high / plain.median))
-        scores.append(
-            [side**2 * np.sign(side) - have**2 for side, have in zip((-away, away), covered, strict=True)]
-        )
-    ordered = np.sort(np.maximum(scores, 0.0), axis=0)
-    rank = min(math.ceil(0.975 * (len(scores) + 1)), len(scores))
-    down, up = np.exp(np.sqrt(ordered[rank - 1])).tolist()
-    return 1.0 / down, up
-
-
-def _print_discrepancies(of: Sequence[Outcome]) -> None:
-    """Print the constants of `ballbot.workflows.controller_prediction`, by kind of controller."""
-    stood = [(outcome, outcome.seen) for outcome in of if outcome.seen]
-    for kind in dict.fromkeys(CANDIDATES[outcome.row.controller][0].name for outcome, _ in stood):
-        mine = [pair for pair in stood if CANDIDATES[pair[0].row.controller][0].name == kind]
-        print(f"{kind}, {len(mine)} robots that stood:")
-        for name in QUANTITIES:
-            predicted = [np.array([drawn.sizes()[name] for drawn in outcome.drawn]) for outcome, _ in mine]
-            low, high = discrepancy(predicted, [seen.sizes()[name] for _, seen in mine])
-            print(f'    "{name}": ({low:.2g}, {high:.2g}),')
+    rank = min(math.ceil(0.975 * (len(excess) + 1)), len(excess))
+    below, above = np.sqrt(np.maximum(np.sort(excess, axis=0)[rank - 1], 0.0)).tolist()
+    return math.exp(-below), math.exp(above)
 
 
 if __name__ == "__main__":
-    tuned = outcomes(TUNING, range(*map(int, sys.argv[1:])), workers=Processes(count=1))
-    print(section({TUNING: [outcome.row for outcome in tuned]}).markdown())
-    _print_discrepancies(tuned)
+    tuned = rows_of(TUNING, range(*map(int, sys.argv[1:])), workers=Processes(count=1))
+    print(section({TUNING: tuned}).markdown())
+    for kind in dict.fromkeys(kind.name for kind, _ in CANDIDATES.values()):
+        kinds = [row.excess for row in tuned if row.excess and CANDIDATES[row.controller][0].name == kind]
+        for name in QUANTITIES if kinds else ():
+            low, high = discrepancy([excess[name] for excess in kinds])
+            print(f'{kind}, {len(kinds)} robots that stood: "{name}": ({low:.2g}, {high:.2g}),')

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from campaigns import strangers
-from campaigns.strangers import RUNS, TUNING, Outcome, Row, discrepancy, stranger
+from campaigns.strangers import RUNS, TUNING, Row, discrepancy, stranger
 
 
 def test_a_stranger_follows_from_seed_and_number_and_its_file_lacks_the_truth():
@@ -37,17 +37,17 @@ def test_refused_and_fallen_robots_are_outside_and_worst(tmp_path, monkeypatch):
     # the table that is kept says the same
     monkeypatch.setattr(strangers, "FOLDER", tmp_path)
     monkeypatch.setattr(strangers, "RUNS", {5: "none"})
-    monkeypatch.setattr(strangers, "outcomes", lambda *_: [Outcome(row=row) for row in rows])
+    monkeypatch.setattr(strangers, "rows_of", lambda *_: rows)
     section = strangers.campaign()
     assert section.rows[0][2].startswith("25 %")
     assert section.rows[0][3] == "–, –"  # half of them have no peak
     assert section.rows[0][-2:] == ["1", "1"]
-    monkeypatch.delattr(strangers, "outcomes")  # a table that is there is not made again
+    monkeypatch.delattr(strangers, "rows_of")  # a table that is there is not made again
     assert strangers.campaign() == section
 
 
 def test_discrepancy_is_what_the_spread_of_the_draws_does_not_cover():
-    drawn = np.exp(np.random.default_rng(0).normal(0.0, 1e-6, 50))
-    low, high = discrepancy([drawn] * 39, [*np.linspace(0.5, 1.0, 20), *np.linspace(1.0, 3.0, 19)])
-    assert (low, high) == (pytest.approx(0.5, rel=1e-3), pytest.approx(3.0, rel=1e-3))
-    assert discrepancy([np.array([0.5, 1.0, 2.0])] * 9, [1.2] * 9) == (1.0, 1.0)
+    ratios = np.array([*np.linspace(0.5, 1.0, 20), *np.linspace(1.0, 3.0, 19)])
+    excess = [strangers._excess([1.0 - 1e-6, 1.0, 1.0 + 1e-6], ratio) for ratio in ratios.tolist()]
+    assert discrepancy(excess) == pytest.approx((0.5, 3.0), rel=1e-3)
+    assert discrepancy([strangers._excess([0.5, 1.0, 2.0], 1.2)] * 9) == (1.0, 1.0)
