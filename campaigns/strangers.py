@@ -227,9 +227,15 @@ class Row:
     excess: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
 
     @property
-    def inside(self) -> bool:
-        """Whether the log's peak error is inside the prediction; a run that fell is not."""
-        return math.isfinite(self.square) and self.low <= self.logged <= self.high
+    def places(self) -> tuple[str, str]:
+        """Where the log's and the true peak error on the square lie in the prediction; or why nowhere."""
+        if reason := self.refused or (self.fell and f"fell: {self.fell}"):
+            return reason, reason
+        log, truth = np.searchsorted([self.low, self.high], [self.logged, self.square]).tolist()
+        return _PLACES[log], _PLACES[truth]
+
+
+_PLACES = ("better", "inside", "worse")
 
 
 def judged(piece: tuple[int, int]) -> Row:
@@ -342,9 +348,15 @@ def section(runs: Mapping[int, Sequence[Row]]) -> Section:
         "twin, `check-log`, `study`, and the study's controller on the same robot. Rule and first seed were committed "
         "before the work that they judge. Peak error of the true position once settled [mm]; "
         "a robot that is refused or falls counts as outside its prediction and as worst. A prediction is of the peak "
-        "error in the robot's own log of the square.",
+        "error on the square in the robot's own log; whether the true one is inside too is stated beside it.",
         columns=[
-            *("seed", "caused by", "inside", *(f"{course}: median, worst" for course in COURSES)),
+            *(
+                "seed",
+                "caused by",
+                "log inside",
+                "truth inside",
+                *(f"{course}: median, worst" for course in COURSES),
+            ),
             *(f"square within {1e3 * CLOSE:g} mm", "falls", "refused"),
         ],
         rows=[[str(seed), RUNS.get(seed, "tuning"), *_summary(rows)] for seed, rows in runs.items()],
@@ -355,8 +367,8 @@ def section(runs: Mapping[int, Sequence[Row]]) -> Section:
 def _summary(rows: Sequence[Row]) -> list[str]:
     of_courses = [np.array([getattr(row, course) for row in rows]) for course in COURSES]
     return [
-        share_words(sum(row.inside for row in rows), len(rows)),
-        *(f"{_millimetres(float(np.median(peaks)))}, {_millimetres(peaks.max())}" for peaks in of_courses),
+        *(share_words(sum(row.places[k] == "inside" for row in rows), len(rows)) for k in (0, 1)),
+        *(f"{_shown(float(np.median(peaks)))}, {_shown(peaks.max())}" for peaks in of_courses),
         share_words(sum(row.square <= CLOSE for row in rows), len(rows)),
         str(sum(bool(row.fell) for row in rows)),
         str(sum(bool(row.refused) for row in rows)),
@@ -370,23 +382,18 @@ ROW_COLUMNS = (
 
 
 def _cells(row: Row) -> list[str]:
-    place = "inside" if row.inside else "better" if row.logged < row.low else "worse"
-    predicted = f"{_millimetres(row.low)} to {_millimetres(row.high)}"
-    seen = [f"{math.degrees(row.heading):.1f}", _millimetres(row.logged), predicted]
+    predicted = "" if row.refused else f"{_shown(row.low)} to {_shown(row.high)}"
     return [
         *(row.robot, f"{1e3 * row.pivoting:.1f}", f"{math.degrees(row.play):.1f}", f"{row.friction:.2f}"),
         *(f"{row.torque:.2f}", f"{1e3 * row.delay:.0f}", row.controller),
-        *(_millimetres(getattr(row, course)) for course in COURSES),
-        *(
-            ["", "", "", row.refused.replace("|", "/")]
-            if row.refused
-            else [*seen, f"fell: {row.fell}" if row.fell else place]
-        ),
+        *(_shown(getattr(row, course)) for course in COURSES),
+        *(_shown(row.heading, math.degrees(1.0)), _shown(row.logged), predicted),
+        ", truth ".join(dict.fromkeys(row.places)).replace("|", "/"),
     ]
 
 
-def _millimetres(value: float) -> str:
-    return f"{1e3 * value:.1f}" if math.isfinite(value) else "–"
+def _shown(value: float, unit: float = 1e3) -> str:
+    return f"{unit * value:.1f}" if math.isfinite(value) else "–"
 
 
 def discrepancy(excess: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -399,11 +406,18 @@ def discrepancy(excess: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return math.exp(-below), math.exp(above)
 
 
-if __name__ == "__main__":
-    tuned = rows_of(TUNING, range(*map(int, sys.argv[1:])), workers=Processes(count=1))
-    print(section({TUNING: tuned}).markdown())
+def tune(numbers: Sequence[int]) -> None:
+    """Print the section that tuning robots make, and the constants of `ballbot.workflows.controller_prediction`."""
+    rows = rows_of(TUNING, numbers, workers=Processes(count=1))
+    print(section({TUNING: rows}).markdown())
     for kind in dict.fromkeys(kind.name for kind, _ in CANDIDATES.values()):
-        kinds = [row.excess for row in tuned if row.excess and CANDIDATES[row.controller][0].name == kind]
+        kinds = [row.excess for row in rows if row.excess and CANDIDATES[row.controller][0].name == kind]
         for name in QUANTITIES if kinds else ():
             low, high = discrepancy([excess[name] for excess in kinds])
             print(f'{kind}, {len(kinds)} robots that stood: "{name}": ({low:.2g}, {high:.2g}),')
+
+
+if __name__ == "__main__":
+    from campaigns import strangers  # what is kept names this module's classes, not those of __main__
+
+    strangers.tune(range(*map(int, sys.argv[1:])))

@@ -33,14 +33,15 @@ def test_refused_and_fallen_robots_are_outside_and_worst(tmp_path, monkeypatch):
     )  # fmt: skip
     fallen = replace(good, fell="square", square=math.inf, logged=0.003)
     rows = [good, replace(good, logged=0.04), fallen, replace(ROW, refused="check-log: torque-scale")]
-    assert [row.inside for row in rows] == [True, False, False, False]
+    assert [row.places[0] for row in rows] == ["inside", "worse", "fell: square", "check-log: torque-scale"]
+    assert replace(good, square=0.04).places == ("inside", "worse")
     # the table that is kept says the same
     monkeypatch.setattr(strangers, "FOLDER", tmp_path)
     monkeypatch.setattr(strangers, "RUNS", {5: "none"})
     monkeypatch.setattr(strangers, "rows_of", lambda *_: rows)
     section = strangers.campaign()
     assert section.rows[0][2].startswith("25 %")
-    assert section.rows[0][3] == "–, –"  # half of them have no peak
+    assert section.rows[0][4] == "–, –"  # half of them have no peak
     assert section.rows[0][-2:] == ["1", "1"]
     monkeypatch.delattr(strangers, "rows_of")  # a table that is there is not made again
     assert strangers.campaign() == section
