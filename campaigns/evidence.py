@@ -136,9 +136,8 @@ def packages_of(path: Path) -> set[str]:
     """Return the packages that a file, and what it imports of campaigns and tests, import by themselves."""
     tree, packages = ast.parse(path.read_text(encoding="utf-8")), set[str]()
     for node in ast.walk(tree):
-        top, _, rest = (
-            (node.module or "").partition(".") if isinstance(node, ast.ImportFrom) else ("", "", "")
-        )
+        module = node.module if isinstance(node, ast.ImportFrom) else ""
+        top, _, rest = (module or "").partition(".")
         if top == "ballbot" and (ROOT / "src" / "ballbot" / rest.partition(".")[0]).is_dir():
             packages.add(rest.partition(".")[0])
         elif top in ("campaigns", "tests") and rest not in ("section", path.stem):

@@ -30,7 +30,7 @@ What is true differs from the file. Factors are drawn evenly on a logarithmic sc
     grip         of floor and rollers 0.5 to 1.2, each: dusty to clean rubber
     torque       0.85 to 1.18 times what is commanded (magnets' tolerance, warm windings, gear losses), each wheel
                  within 3 % of that
-    delay        0 to 8 ms to the next whole sample, of the AHRS another 0 to 5 ms; drivers of 30 to 200 Hz
+    delay        0 to 8 ms to the nearest whole sample, of the AHRS another 0 to 5 ms; drivers of 30 to 200 Hz
     IMU's mount  turned by up to 2 degrees about the vertical, which is a robot whose wheels are turned the other way;
                  leaning by 0.1 to 0.6 degrees (standard deviation of each axis), as a centre of mass beside the axis is
     noise        of gyro and lean 0.5 to 3 times the file's; biases of the gyro of 2e-4 to 2e-3 rad/s; the heading
@@ -92,18 +92,8 @@ CLOSE = 0.015
 FOLDER = Path(__file__).parents[1] / "docs" / "generated"
 #: whose code a robot's outcome depends on
 PACKAGES = (
-    *(
-        "robot",
-        "mechanics",
-        "log",
-        "estimation",
-        "control",
-        "simulation",
-        "twin",
-        "fitting",
-        "identification",
-    ),
-    *("validation", "workflows"),
+    *("robot", "mechanics", "log", "estimation", "control", "simulation"),
+    *("twin", "fitting", "identification", "validation", "workflows"),
 )
 
 
@@ -175,9 +165,7 @@ def stranger(seed: int, number: int) -> Stranger:
         friction=replace(friction, stribeck_speed=between(0.3, 1.0), stribeck_exponent=between(0.8, 1.6)),
         pivoting=factor(0.001, 0.05),
         backlash=play,
-        torque_noise=factor(0.5, 2.0)
-        * file.drive.torque_limit
-        / 600.0,  # the nominal scenario's on its robot
+        torque_noise=factor(0.5, 2.0) * file.drive.torque_limit / 600.0,  # the nominal scenario's share
         rollers=rollers,
         sensors=sensors,
         floor_grip=between(0.5, 1.2),
