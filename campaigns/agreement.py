@@ -34,8 +34,8 @@ from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
 from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, run_grid
 from ballbot.workflows.metrics import SETTLE, Rules, Score
 from ballbot.workflows.statistics import fraction_with_interval, median_with_interval
-from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, compared, markdown_table
+from campaigns.twin_logs import asymmetric
 
 KEPT = Path(__file__).parents[1] / "build" / "agreement"
 LOOP_SEEDS, TWIN_SEEDS = range(200), range(40)

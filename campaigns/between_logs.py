@@ -35,9 +35,8 @@ from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
 from campaigns.coverage import BEGIN
-from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, kept, share_words
-from campaigns.twin_logs import NOMINAL, ROBOT, twin_log
+from campaigns.twin_logs import NOMINAL, ROBOT, asymmetric, twin_log
 
 #: the folder of what is finished, within build
 KEPT = "between_logs"

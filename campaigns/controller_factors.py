@@ -1,6 +1,6 @@
-"""The precise controller's accuracy on three courses, and what brings it: a factorial of five differences, on the twin.
+"""What brings the precise controller's accuracy on the square: a factorial of five differences, on the twin.
 
-.venv/bin/python -m campaigns.evidence choice factors
+.venv/bin/python -m campaigns.evidence factors
 
 Every combination of `FACTORS` runs the square with every seed, so that the effect of each is known whatever else the
 controller has. The friction is identified from two logs of the nominal twin, as in the demo. Results are kept in
@@ -9,7 +9,6 @@ build/controller_factors: a run that was interrupted goes on, and more `SEEDS` a
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -27,14 +26,13 @@ from ballbot.control.presets import (
     design_integral_gain,
     precise_controller,
 )
-from ballbot.control.references import Reference, circle, figure_eight, square
 from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.controller_choice import SQUARE, candidates
-from ballbot.workflows.grid import Condition, GridRun, TwinRobot, grid_runs, run_grid
+from ballbot.workflows.controller_choice import SQUARE
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot
 from ballbot.workflows.metrics import Score
-from ballbot.workflows.statistics import Estimate, MedianEstimate, mean_ratio, median_with_interval
+from ballbot.workflows.statistics import Estimate, mean_ratio, median_with_interval
 from campaigns.section import Section, compared, markdown_table
 from campaigns.twin_logs import identified
 
@@ -225,51 +223,3 @@ def _ratio(estimate: Estimate) -> str:
 def _millimetres(peaks: NDArray[np.float64]) -> str:
     median = median_with_interval(peaks)
     return f"{1e3 * median.median:.1f}" if median.runs else "–"
-
-
-#: of the study's targets: each a reference, and how long it is followed [s]
-COURSES: Mapping[str, tuple[Reference, float]] = {
-    "square": (square(), 32.0),
-    "circle": (circle(), 40.0),
-    "figure eight": (figure_eight(), 46.0),
-}
-COURSE_SEEDS = tuple(range(600, 620))
-
-
-def _reference(course: str) -> Reference:
-    return COURSES[course][0]
-
-
-def choice() -> Section:
-    """Run two candidates of `study`, none and precise, on three courses, 20 seeds each."""
-    known = candidates(identified(), sample_time=0.005)
-    conditions = [
-        Condition(
-            plant=PLANT, reference=partial(_reference, course), duration=duration, seed=seed, course=course
-        )
-        for course, (_, duration) in COURSES.items()
-        for seed in COURSE_SEEDS
-    ]
-    table = run_grid(grid_runs({name: known[name] for name in ("none", "precise")}, conditions))
-    rows = []
-    for course in COURSES:
-        scores = [table.of(name, course) for name in ("none", "precise")]
-        none, precise = map(_peaks, scores)
-        falls = [sum(run.ended is not None for run in runs) for runs in scores]
-        medians = [_interval(median_with_interval(peaks), 1e3) for peaks in (none, precise)]
-        ratio = _interval(median_with_interval(none / precise))
-        worst = f"{1e3 * max(precise):.1f}"
-        rows.append([course, *medians, worst, ratio, f"{falls[0]} and {falls[1]} of {len(COURSE_SEEDS)}"])
-    return Section(
-        title="The precise controller and the soft gain on three courses",
-        before="The precise controller and the nominal gain without compensation on the nominal twin, "
-        f"{len(COURSE_SEEDS)} seeds, friction identified from two of its logs, on-board sensors only. Peak error of "
-        "the true position once settled [mm]: median over the seeds with its 95 % interval, and the ratio seed by "
-        "seed.",
-        columns=["course", "none", "precise", "precise, worst", "none / precise", "falls"],
-        rows=rows,
-    )
-
-
-def _interval(of: MedianEstimate, unit: float = 1.0) -> str:
-    return f"{unit * of.median:.1f} ({unit * of.low:.1f} to {unit * of.high:.1f})"

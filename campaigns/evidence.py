@@ -2,12 +2,21 @@
 
 .venv/bin/python -m campaigns.evidence                 all of them (make evidence)
 .venv/bin/python -m campaigns.evidence convergence     these only; the other sections stay as they are
+.venv/bin/python -m campaigns.evidence --stale         names and marks the sections older than their goldens
+
+A section keeps the commit of the code that made it and the packages that its campaign imports. A golden exercises the
+packages that its command's module imports. The section is stale if a golden that shares a package with it differs from
+that at its commit: its numbers may hold, but nobody has looked.
 """
 
+import ast
+import json
 import platform
 import re
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -16,10 +25,14 @@ import numba
 import numpy as np
 import scipy
 
+from ballbot.cli.app import COMMANDS
 from ballbot.files import write_text
 from campaigns.section import DataMissingError
+from tests.golden.cases import CASES
+from tests.golden.compare import differences
 
-PAGE = Path(__file__).parents[1] / "docs" / "generated" / "evidence.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "generated" / "evidence.md"
 
 #: sections in the page's order, and the module whose `campaign()`, or the function after the colon, returns each
 CAMPAIGNS = {
@@ -27,7 +40,7 @@ CAMPAIGNS = {
     "twin_observed": "campaigns.twin_observed",
     "estimation": "campaigns.estimation",
     "agreement": "campaigns.agreement",
-    "prediction": "campaigns.controller_prediction",
+    "strangers": "campaigns.strangers",
     "benchmark": "campaigns.benchmark",
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
@@ -35,7 +48,6 @@ CAMPAIGNS = {
     "randomisation": "campaigns.randomisation",
     "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
-    "choice": "campaigns.controller_factors:choice",
     "factors": "campaigns.controller_factors",
     "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
@@ -63,9 +75,11 @@ CAMPAIGNS = {
 _HEAD = """# Evidence
 
 The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a
-section writes that section alone. The sections on the EMPS benchmark and on a course's robot need public records (see
-[one axis](../axis.md) and [a real robot](../real_robots.md)): they are written if BALLBOT_DATA names the folder with
-`emps/DATA_EMPS.mat` and `rob311`, and stay as they are if not.
+section writes that section alone. Behind it stand the commit that made it and the packages that it depends on; a
+section is stale if results of commands that exercise them have changed since (`python -m campaigns.evidence --stale`).
+The sections on the EMPS benchmark and on a course's robot need public records (see [one axis](../axis.md) and
+[a real robot](../real_robots.md)): they are written if BALLBOT_DATA names the folder with `emps/DATA_EMPS.mat` and
+`rob311`, and stay as they are if not.
 
 """
 
@@ -86,8 +100,12 @@ def main(names: Sequence[str]) -> None:
         sections = written_sections()  # another run may have written meanwhile
         sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"
         print(section)
-        parts = [f"<!-- {known} -->\n{sections[known]}" for known in CAMPAIGNS if known in sections]
-        write_text(PAGE, _HEAD + "\n".join(parts))
+        _write(sections)
+
+
+def _write(sections: Mapping[str, str]) -> None:
+    parts = [f"<!-- {known} -->\n{sections[known]}" for known in CAMPAIGNS if known in sections]
+    write_text(PAGE, _HEAD + "\n".join(parts))
 
 
 def written_sections() -> dict[str, str]:
@@ -100,11 +118,65 @@ def written_sections() -> dict[str, str]:
 
 def _origin(name: str, seconds: float) -> str:
     versions = f"NumPy {np.__version__}, SciPy {scipy.__version__}, Numba {numba.__version__}"
+    packages = sorted(packages_of(ROOT / f"{CAMPAIGNS[name].partition(':')[0].replace('.', '/')}.py"))
+    commit = _git("rev-parse", "--short=8", "HEAD").strip()
     return (
         f"`python -m campaigns.evidence {name}`, {seconds:.0f} s on {platform.machine()} {platform.system()}, "
-        f"Python {platform.python_version()}, {versions}."
+        f"Python {platform.python_version()}, {versions}. Made at {commit}; depends on "
+        f"{', '.join(packages) or 'no package'}."
     )
 
 
+#: packages by which no golden is chosen: of every command, of every robot, and where work is done
+_EVERYWHERE = {"cli", "fitting", "report", "robot"}
+_MADE = re.compile(r"Made at (\w+); depends on ([\w, ]*)\.")
+_MARK = re.compile(r" \*\*Stale\*\*: .*")
+
+
+def packages_of(path: Path) -> set[str]:
+    """Return the packages that a file, and what it imports of campaigns and tests, import by themselves."""
+    tree, packages = ast.parse(path.read_text(encoding="utf-8")), set[str]()
+    for node in ast.walk(tree):
+        module = node.module if isinstance(node, ast.ImportFrom) else ""
+        top, _, rest = (module or "").partition(".")
+        if top == "ballbot" and (ROOT / "src" / "ballbot" / rest.partition(".")[0]).is_dir():
+            packages.add(rest.partition(".")[0])
+        elif top in ("campaigns", "tests") and rest not in ("section", path.stem):
+            packages |= packages_of(ROOT / top / f"{rest.replace('.', '/')}.py")
+    return packages - {"", *_EVERYWHERE}
+
+
+def mark_stale() -> None:
+    """Name the sections with whose packages commands give other results than at their commits, and mark them."""
+    modules = {command.name: command.target[0].replace(".", "/") for command in COMMANDS}
+    commands = {case.name: case.words[0] for case in CASES if case.words}
+    exercised = {case: packages_of(ROOT / "src" / f"{modules[name]}.py") for case, name in commands.items()}
+    sections = written_sections()
+    for name, section in sections.items():
+        commit, packages = next(iter(_MADE.findall(section)), ("HEAD", ""))
+        shared = [case for case in changed(commit) if exercised[case] & set(packages.split(", "))]
+        text, mark = _MARK.sub("", section).rstrip("\n"), ""
+        if others := sorted({commands[case] for case in shared}):
+            print(f"{name}: {', '.join(others)}")
+            mark = f" **Stale**: other results since then of `{'`, `'.join(others)}`."
+        sections[name] = f"{text}{mark}\n"
+    _write(sections)
+
+
+@cache
+def changed(commit: str) -> list[str]:
+    """Return the goldens with another result than at a commit; keys that come or go are no result."""
+    found = []
+    for path in _git("diff", "--name-only", "--diff-filter=M", commit, "--", "tests/golden/results").split():
+        texts = _git("show", f"{commit}:{path}"), (ROOT / path).read_text(encoding="utf-8")
+        lines = differences("", *map(json.loads, texts), same_machine=True)
+        found += [Path(path).stem] if any("(absent)" not in line for line in lines) else []
+    return found
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    mark_stale() if sys.argv[1:] == ["--stale"] else main(sys.argv[1:])

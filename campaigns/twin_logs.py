@@ -6,7 +6,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.identification import Identification, identify
 from ballbot.log import Log
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 
@@ -28,3 +28,12 @@ def identified() -> Identification:
     references = ("square", "figure_eight")
     logs = [twin_log(name, duration=48.0, seed=seed) for seed, name in enumerate(references, start=1)]
     return identify(ROBOT, logs, seed=0)
+
+
+def asymmetric(friction: Friction, fraction: float) -> Friction:
+    """Return friction whose dry terms are (1 + fraction) times as large forward, (1 - fraction) times backward."""
+    return replace(
+        friction,
+        coulomb_asymmetry=tuple(fraction * c for c in friction.coulomb),
+        stribeck_asymmetry=tuple(fraction * s for s in friction.stribeck),
+    )

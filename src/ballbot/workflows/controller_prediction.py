@@ -46,7 +46,7 @@ MIN_RUNS = 6
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
 #: and 97.5th percentile of the twins that did not fall, beyond the spread of the draws; of the torque margin, of the
-#: share of the limit that is used. By kind of controller; `python -m campaigns.controller_prediction` prints them.
+#: share of the limit that is used. By kind of controller; from commit 1b7e17a9, `campaigns.strangers` prints new ones.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "precise": {
         "peak_error": (0.39, 4.5),
