@@ -18,6 +18,7 @@ _ORDER = ("error", "warning", "note")
 #: every code with its meaning, in alphabetical order
 CODES: Mapping[str, str] = MappingProxyType(
     {
+        "adequacy": "whether the logs may be those of the model, and up to which horizon its predictions may be",
         "alignment": "comparison of a log's sensors with motion capture",
         "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
