@@ -42,6 +42,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
+        "file-value": "a value of the robot file that the logs refute, or of which no log tells anything",
         "fitted-log": "a model is validated on a log that it was identified from",
         "force-delay": "the force on an axis seems to act later or earlier than its rows",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",

@@ -1,0 +1,105 @@
+"""What the robot file does not know, on logs of a robot whose numbers and friction are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.fit import fit
+from ballbot.identification import Bounds, identify
+from ballbot.identification.file_values import _pair, _stated, from_file
+from ballbot.identification.identify import IdentificationOptions, Prepared, prepare
+from ballbot.identification.quantities import scale_between
+from ballbot.robot import Robot
+from ballbot.robot.variations import uncertain
+from tests.support.validation_examples import noisy_log, true_robot
+
+#: v_s and delta are held: the search follows their long valley in half of its steps
+HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
+BRIEF = IdentificationOptions(search_windows=32, most_profiles=0)
+FREE = ("viscous", "coulomb", "stribeck", "rolling")
+
+
+def _prepared(robot: Robot) -> Prepared:
+    coordinates = scale_between(robot, free=FREE)
+    return prepare(robot, coordinates, [noisy_log().between(0.0, 16.0)], window=0.25, options=BRIEF)
+
+
+def test_masses_inertias_torques_and_friction_wrong_by_one_factor_change_nothing():
+    experiment = _prepared(true_robot()).experiment
+    coordinates, robot = experiment.coordinates, _stated(true_robot(), ())
+    point = coordinates.scaled(coordinates.nominal)
+    numbers = [
+        number for number in uncertain(robot) if not number.name.endswith(("radius", "_mass", "_time"))
+    ]
+    pairs = [_pair(experiment, robot, number) for number in numbers]
+    about = experiment.linearize_widely(point, experiment.windows.initial, others=pairs)
+    # all by one per cent, in scaled parameters and in deviations; heights and rolling friction are no torques
+    by_factor = np.where(np.isin(coordinates.names, FREE[:3]), coordinates.nominal, 0.0)
+    step = 0.01 * by_factor / np.where(coordinates.free, coordinates.slopes(point), np.inf)
+    values = {"drive.torque_constant": robot.drive.torque_constant} | dict(
+        zip(*_inertias(robot), strict=True)
+    )
+    others = np.array([0.01 * values.get(number.label, 0.0) / number.deviation for number in numbers])
+    both, H = np.concatenate([step, others]), about.equations.matrix
+    alone = np.where(np.arange(len(both)) < len(step), 0.0, both)
+    # differences over 0.1 deviations, and over events of sticking
+    assert both @ H @ both < 1e-3 * (alone @ H @ alone)
+
+
+def _inertias(robot: Robot) -> tuple[list[str], list[float]]:
+    ball, body, drive = robot.ball, robot.body, robot.drive
+    names = [
+        "ball.mass",
+        "ball.inertia",
+        "body.mass",
+        *(f"body.inertia.{axes}" for axes in ("xx", "yy", "zz")),
+    ]
+    values = [ball.mass, ball.inertia, body.mass, *body.inertia[:3]]
+    names += ["wheels.inertia", "drive.motor_inertia", "drive.gear_inertia"]
+    return names, [*values, robot.wheels.inertia, drive.motor_inertia, drive.gear_inertia]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["drive.torque_constant", "body.inertia.zz", "body.center_of_mass"])
+def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
+    others = {number.name: 0.0 for number in uncertain(_stated(true_robot(), ()))}
+    known = true_robot().annotated(
+        standard_deviations={key: size for key, size in others.items() if key != name}
+    )
+    prepared = _prepared(known)
+    coordinates = prepared.experiment.coordinates
+    at = coordinates.scaled(coordinates.nominal)
+    estimate = fit(prepared.experiment, at, options=BRIEF)
+    added, (value,) = from_file(prepared.experiment, estimate)
+    number = next(one for one in uncertain(_stated(known, ())) if one.name == name)
+    ahead, _, distance = _pair(
+        prepared.experiment, _stated(known, ()), replace(number, deviation=10.0 * number.deviation)
+    )
+    assert distance == pytest.approx(0.2)
+    again = fit(ahead, at, options=BRIEF)
+    errors = np.sqrt(estimate.scaled_covariance.diagonal())
+    moved = (again.finished.point - estimate.finished.point) / errors
+    expected = np.sqrt(added.diagonal()) / errors
+    # of friction that is known; by another value windows stick elsewhere
+    kept = np.isfinite(moved)
+    np.testing.assert_allclose(np.abs(moved[kept]), expected[kept], rtol=0.15, atol=0.7)
+    assert abs(value.apart) < 3.0
+
+
+@pytest.mark.slow
+def test_a_clock_that_is_5_percent_fast_is_named_and_can_be_accepted():
+    log = noisy_log().between(0.0, 16.0)
+    fast = log.with_columns({"t": 1.05 * log.t})
+    found = identify("alten", fast, bounds=HELD, options=BRIEF)
+    assert not found.verdict.usable
+    assert found.verdict.reasons[-1].startswith("sensors.sample_time is 0.00500 +- 0.000025")
+    accepted = replace(found, contradicted=())
+    assert accepted.verdict.usable
+    right = identify("alten", log, bounds=HELD, options=BRIEF)
+    assert right.contradicted == ()
+    assert max(abs(value.apart) for value in right.file_values) < 3.0
+    # the file's part of each variance
+    known = np.isfinite(right.errors)
+    assert np.all((right.file_share[known] >= 0.0) & (right.file_share[known] < 1.0))
+    assert right.file_share[known].max() > 0.05
