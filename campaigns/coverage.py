@@ -1,6 +1,7 @@
 """Count how often 95 % intervals contain the truth, and how often a right robot file is refused: 200 logs each.
 
-.venv/bin/python -m campaigns.evidence coverage file_values
+.venv/bin/python -m campaigns.evidence coverage
+.venv/bin/python -c "from campaigns.coverage import file_values; print(file_values().markdown())"
 
 Finished repeats are kept in build/coverage and build/file_values and are not repeated: an interrupted campaign
 continues.
@@ -9,6 +10,7 @@ continues.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.stats import binom
@@ -172,6 +174,12 @@ class DrawnFile:
     intervals: int
 
 
+@cache
+def _drawn_robots() -> list[Robot]:
+    """Return the robots of the files; those that no body has are drawn again."""
+    return draw_robots(with_default_errors(ROBOT), FILES, seed=71)
+
+
 def drawn_file(seed: int) -> DrawnFile:
     """Identify a nominal twin by its own file, and by one drawn from its deviations, in one thread."""
     course = ("square", "figure_eight", "circle")[seed % 3]
@@ -181,7 +189,7 @@ def drawn_file(seed: int) -> DrawnFile:
 def file_drawn(log: Log, seed: int) -> DrawnFile:
     """Identify a log of the nominal twin by its own file, and by one drawn from its deviations, in one thread."""
     options, run = IdentificationOptions(most_profiles=0), Run(seed=0, executor=Threads(count=1))
-    known = draw_robots(with_default_errors(ROBOT), 1, seed=seed)[0]
+    known = _drawn_robots()[seed]
     sizes = np.array([DEVIATIONS[name] for name in ("drive.torque_constant", "sensors.sample_time")])
     torque, clock = 1.0 + sizes * np.random.default_rng([seed, 71]).standard_normal(2)
     wrong = log.with_columns(
@@ -202,7 +210,7 @@ def file_drawn(log: Log, seed: int) -> DrawnFile:
 
 
 def file_values() -> Section:
-    """Run the missing twins and return the section on robot files of docs/generated/evidence.md."""
+    """Run the missing twins and return a section on robot files."""
     runs = {f"{seed:04d}": seed for seed in range(FILES)}
     packages = ("fitting", "identification", "mechanics", "twin", "control", "robot", "log")
     done = list(finished("file_values", drawn_file, runs, packages=packages).values())

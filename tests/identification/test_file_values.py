@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.findings import texts
 from ballbot.fitting.fit import fit
 from ballbot.identification import Bounds, identify
-from ballbot.identification.file_values import _pair, _stated, from_file
+from ballbot.identification.file_values import FileValue, _pair, _stated, file_value_findings, from_file
 from ballbot.identification.identify import IdentificationOptions, Prepared, prepare
 from ballbot.identification.quantities import scale_between
 from ballbot.robot import Robot
@@ -88,18 +89,21 @@ def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
 
 
 @pytest.mark.slow
-def test_a_clock_that_is_5_percent_fast_is_named_and_can_be_accepted():
-    log = noisy_log().between(0.0, 16.0)
-    fast = log.with_columns({"t": 1.05 * log.t})
-    found = identify("alten", fast, bounds=HELD, options=BRIEF)
-    assert not found.verdict.usable
-    assert found.verdict.reasons[-1].startswith("sensors.sample_time is 0.00500 +- 0.000025")
-    accepted = replace(found, contradicted=())
-    assert accepted.verdict.usable
-    right = identify("alten", log, bounds=HELD, options=BRIEF)
-    assert right.contradicted == ()
-    assert max(abs(value.apart) for value in right.file_values) < 3.0
-    # the file's part of each variance
-    known = np.isfinite(right.errors)
-    assert np.all((right.file_share[known] >= 0.0) & (right.file_share[known] < 1.0))
-    assert right.file_share[known].max() > 0.05
+def test_a_right_file_is_not_refused_and_is_part_of_each_variance():
+    found = identify("alten", noisy_log().between(0.0, 16.0), bounds=HELD, options=BRIEF)
+    assert found.contradicted == ()
+    assert max(abs(value.apart) for value in found.file_values) < 3.0
+    known = np.isfinite(found.errors)
+    assert np.all((found.file_share[known] >= 0.0) & (found.file_share[known] < 1.0))
+    assert found.file_share[known].max() > 0.05
+    assert "all wrong by one factor" in " ".join(texts(found.findings))
+    refused = replace(found, contradicted=("body.mass is wrong",))
+    assert refused.verdict.reasons == ("body.mass is wrong",)
+
+
+def test_a_value_beyond_four_deviations_of_the_difference_is_an_error_that_names_it():
+    value = FileValue(label="body.mass", value=20.0, deviation=0.4, own=17.0, own_error=0.5)
+    assert value.apart == pytest.approx(-3.0 / np.hypot(0.4, 0.5))
+    (finding,) = file_value_findings([replace(value, own=19.0), value])
+    assert (finding.code, finding.severity) == ("file-value", "error")
+    assert finding.text.startswith("body.mass is 20.0 +- 0.40 in the robot file and 17.0 +- 0.50 by the logs")
