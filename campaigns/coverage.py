@@ -1,13 +1,16 @@
-"""Count how often 95 % intervals contain the truth: 200 noisy logs, simulated and identified.
+"""Count how often 95 % intervals contain the truth, and how often a right robot file is refused: 200 logs each.
 
 .venv/bin/python -m campaigns.evidence coverage
+.venv/bin/python -c "from campaigns.coverage import file_values; print(file_values().markdown())"
 
-Finished repeats are kept in build/coverage and are not repeated: an interrupted campaign continues.
+Finished repeats are kept in build/coverage and build/file_values and are not repeated: an interrupted campaign
+continues.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.stats import binom
@@ -18,15 +21,18 @@ from ballbot.control.references import square
 from ballbot.fitting.fit import fit
 from ballbot.fitting.intervals import Interval
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import IdentificationOptions, prepare
+from ballbot.identification.file_values import DEVIATIONS
+from ballbot.identification.identify import IdentificationOptions, identify, prepare
 from ballbot.identification.quantities import scale_between
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+from ballbot.robot.variations import draw_robots, with_default_errors
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from benchmarks.workloads import nominal_robot
-from campaigns.section import Section, finished
+from campaigns.section import Section, finished, share_words
+from campaigns.twin_logs import ROBOT, twin_log
 
 DURATION = 32.0  # [s] of each log, twice around the square
 STEP = 2.5e-3  # [s], inner step of the truth and of the fits
@@ -152,3 +158,81 @@ def _row(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list
         f"{sum(inside)} of {len(inside)}",
         ", ".join(f"{method} {count}" for method, count in methods.most_common()),
     ]
+
+
+#: nominal twins whose file is drawn from its deviations, and the length of each one's log [s]
+FILES, FILE_LOG = 200, 24.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFile:
+    """What became of a twin's log by a file that is wrong by its deviations."""
+
+    farthest: tuple[str, float]  #: the value farthest from the log's own estimate, and by how many deviations
+    refused: bool
+    outside: int  #: 95 % intervals without what the right file gives, of `intervals`
+    intervals: int
+
+
+@cache
+def _drawn_robots() -> list[Robot]:
+    """Return the robots of the files; those that no body has are drawn again."""
+    return draw_robots(with_default_errors(ROBOT), FILES, seed=71)
+
+
+def drawn_file(seed: int) -> DrawnFile:
+    """Identify a nominal twin by its own file, and by one drawn from its deviations, in one thread."""
+    course = ("square", "figure_eight", "circle")[seed % 3]
+    return file_drawn(twin_log(course, duration=FILE_LOG, seed=seed), seed)
+
+
+def file_drawn(log: Log, seed: int) -> DrawnFile:
+    """Identify a log of the nominal twin by its own file, and by one drawn from its deviations, in one thread."""
+    options, run = IdentificationOptions(most_profiles=0), Run(seed=0, executor=Threads(count=1))
+    known = _drawn_robots()[seed]
+    sizes = np.array([DEVIATIONS[name] for name in ("drive.torque_constant", "sensors.sample_time")])
+    torque, clock = 1.0 + sizes * np.random.default_rng([seed, 71]).standard_normal(2)
+    wrong = log.with_columns(
+        {"t": clock * log.t, **{name: torque * log[name] for name in ("u1", "u2", "u3")}}
+    )
+    right, found = (
+        identify(robot, one, options=options, run=run) for robot, one in ((ROBOT, log), (known, wrong))
+    )
+    farthest = max(found.file_values, key=lambda value: abs(value.apart))
+    truth = dict(zip(right.labels, right.values.tolist(), strict=True))
+    inside = [ends.lower <= truth[label] <= ends.upper for label, ends in found.intervals.items()]
+    return DrawnFile(
+        farthest=(farthest.label, farthest.apart),
+        refused=bool(found.contradicted),
+        outside=inside.count(False),
+        intervals=len(inside),
+    )
+
+
+def file_values() -> Section:
+    """Run the missing twins and return a section on robot files."""
+    runs = {f"{seed:04d}": seed for seed in range(FILES)}
+    packages = ("fitting", "identification", "mechanics", "twin", "control", "robot", "log")
+    done = list(finished("file_values", drawn_file, runs, packages=packages).values())
+    apart = np.sort([abs(one.farthest[1]) for one in done])
+    outside, intervals = sum(one.outside for one in done), sum(one.intervals for one in done)
+    return Section(
+        title="Robot files that are wrong by their deviations",
+        before=f"{FILES} logs of {FILE_LOG:g} s of the nominal twin, each identified by the twin's own file and by one "
+        "drawn from its standard deviations, with torques and times scaled by theirs. A file is refused if a value is "
+        "more than four deviations from the log's own estimate.",
+        columns=[
+            "refused",
+            "farthest value: median",
+            "95 %",
+            "most",
+            "right file's estimates outside the 95 % intervals",
+        ],
+        rows=[
+            [
+                share_words(sum(one.refused for one in done), len(done)),
+                *(f"{apart[int(share * (len(apart) - 1))]:.1f}" for share in (0.5, 0.95, 1.0)),
+                share_words(outside, intervals),
+            ]
+        ],
+    )

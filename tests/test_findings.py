@@ -55,5 +55,5 @@ def test_an_unknown_code_is_refused_with_the_nearest():
     assert check_codes(["gap", "sign", "gap"]) == ("gap", "sign")
     with pytest.raises(InputError, match=r"no finding with the code 'signs'.*did you mean 'sign'"):
         check_codes(["signs"])
-    with pytest.raises(InputError, match="the codes are alignment, "):
+    with pytest.raises(InputError, match="the codes are adequacy, "):
         check_codes(["qqqqqq"])

@@ -2,8 +2,9 @@
 
 import pytest
 
-from campaigns.coverage import TRUTHS, held, repeat, truth_of
+from campaigns.coverage import TRUTHS, file_drawn, held, repeat, truth_of
 from campaigns.stage_coverage import covered, of_ball
+from campaigns.twin_logs import twin_log
 
 
 @pytest.mark.sample
@@ -26,3 +27,10 @@ def test_friction_upside_down_of_a_twin_that_slips_and_plays_is_found():
     # c to some per cent, b with the contacts' own
     assert max(abs(one.value / one.truth - 1.0) for one in done) < 0.1
     assert usable
+
+
+@pytest.mark.sample
+def test_a_file_that_is_wrong_by_its_deviations_is_not_refused():
+    drawn = file_drawn(twin_log("square", duration=16.0, seed=1), 1)
+    assert not drawn.refused
+    assert drawn.outside < 0.2 * drawn.intervals

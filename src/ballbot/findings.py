@@ -18,6 +18,7 @@ _ORDER = ("error", "warning", "note")
 #: every code with its meaning, in alphabetical order
 CODES: Mapping[str, str] = MappingProxyType(
     {
+        "adequacy": "whether the logs may be those of the model, and up to which horizon its predictions may be",
         "alignment": "comparison of a log's sensors with motion capture",
         "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
@@ -41,6 +42,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
+        "file-value": "a value of the robot file that the logs refute, or of which no log tells anything",
         "fitted-log": "a model is validated on a log that it was identified from",
         "force-delay": "the force on an axis seems to act later or earlier than its rows",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",

@@ -20,7 +20,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from tests.support.control_examples import alten
-from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
+from tests.support.identification_examples import TRUTH, balancing_log, exact, late, noisy
 from tests.workflows.test_excite import assert_errors_are_those_expected
 
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
@@ -33,7 +33,7 @@ HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identify(alten(), noisy(balancing_log(), seed=5), seed=1, options=BRIEF)
+    return identify(exact(), noisy(balancing_log(), seed=5), seed=1, options=BRIEF)
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_command_and_sensor_delays_are_separated():
     seen = noisy(late(balancing_log(), imu=0.016, velocity=0.006), seed=1)
     torques = np.roll(seen.torques, -2, axis=0)
     log = seen.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)}).between(0.0, 15.0)
-    found = identify(alten(), log, free=("friction", "delays"), bounds=HELD, seed=2, options=BRIEF)
+    found = identify(exact(), log, free=("friction", "delays"), bounds=HELD, seed=2, options=BRIEF)
     truth = np.array([*TRUTH, 0.01, 0.016, 0.006])
     deviation = (found.values - truth) / found.errors
     assert np.nanmax(np.abs(deviation)) < 4.0  # 13 of them

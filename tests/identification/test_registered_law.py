@@ -10,7 +10,7 @@ from ballbot.identification.quantities import Bounds
 from ballbot.report.identification import friction_curve
 from tests.support.control_examples import alten
 from tests.support.friction_law_examples import FRICTION
-from tests.support.identification_examples import balancing_log, noisy
+from tests.support.identification_examples import balancing_log, exact, noisy
 
 TRUTH = np.array(
     [*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.0, 0.007, 0.004, 0.006, 0.005, 0.1]
@@ -20,7 +20,7 @@ TRUTH = np.array(
 @pytest.mark.slow
 def test_law_is_found_from_a_log_and_predicts_better_than_the_classical_one(tmp_path):
     log = noisy(balancing_log(friction=FRICTION), seed=3)
-    found = identify(alten(), log, law="toothed")
+    found = identify(exact(), log, law="toothed")
     assert found.labels[12:] == ("b_21", "b_22", "b_23", "m")
     errors = found.errors
     known = np.isfinite(errors)

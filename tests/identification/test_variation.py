@@ -21,7 +21,6 @@ from ballbot.identification.variation import (
     uncertainty_of_each,
     variation_findings,
     widened,
-    with_torque_scale,
 )
 from ballbot.robot import Robot
 from tests.support.control_examples import FRICTION, alten
@@ -121,20 +120,6 @@ def test_more_logs_know_more_and_logs_that_differ_are_found(coordinates: Coordin
     assert np.all(apart.standard_errors > alike.standard_errors)
     (finding,) = variation_findings(varied)
     assert "The 3 logs differ" in finding.text
-
-
-def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordinates: Coordinates):
-    within = uncertainty(coordinates, np.full(12, 5e-3))
-    found = with_torque_scale(coordinates, within, np.array([0.2, 0.0, 0.0]))
-    np.testing.assert_allclose(
-        found.standard_errors[:9:3], np.hypot(within.standard_errors[:9:3], 0.2 * VALUES[:9:3]), rtol=1e-12
-    )
-    untouched = [1, 2, 4, 5, 7, 8, 9, 10, 11]
-    np.testing.assert_array_equal(found.standard_errors[untouched], within.standard_errors[untouched])
-    # b1 and c1 are wrong together
-    assert found.correlation[0, 3] > within.correlation[0, 3]
-    assert found.intervals["c1"].upper > within.intervals["c1"].upper
-    assert found.intervals["c2"].upper == pytest.approx(within.intervals["c2"].upper)
 
 
 SPEEDS = np.linspace(-3.0, 3.0, 200)[:, None] * np.ones(3)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot.log.checks import check_logs
-from ballbot.log.checks.physics import examine, torque_scale_errors
-from ballbot.log.torque_balance import USUAL
+from ballbot.log.checks.physics import examine
 from tests.support.physics_examples import FRICTION, balancing, scaled
 
 
@@ -21,14 +20,6 @@ def test_scales_of_a_correct_log_are_one():
     assert np.all(np.abs(np.log(examined.gains.factors)) < 3.0 * examined.gains.errors)
     # with 12 s around a square every motor's scale is known to a sixth
     assert examined.gains.errors.max() < 0.17
-
-
-def test_torque_scale_that_no_log_shows_has_the_usual_error():
-    log, robot = balancing()
-    short = log.select(slice(0, 400))
-    np.testing.assert_array_equal(torque_scale_errors([short], robot), USUAL)
-    # one log that shows it is enough, and knows more than what is usual
-    assert (torque_scale_errors([short, log], robot) < USUAL).all()
 
 
 def test_friction_in_the_robot_s_file_changes_nothing():

@@ -59,6 +59,7 @@ def _found() -> Identification:
         ),
         fit=errors,
         held_out=errors,
+        file_share=np.full(12, 0.25),
         window=0.25,
         excluded_states=(),
         gauss_newton_cost=(),

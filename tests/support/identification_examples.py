@@ -7,7 +7,8 @@ import numpy as np
 from ballbot import Controller, Log, Model, lqr, simulate
 from ballbot.control import references
 from ballbot.log import STATE_NAMES
-from ballbot.robot import Friction
+from ballbot.robot import Friction, Robot
+from ballbot.robot.components import PARAMETERS
 from tests.support.control_examples import FRICTION, alten
 
 #: the friction behind `balancing_log`, in the order of `ballbot.identification.quantities`
@@ -53,3 +54,13 @@ def late(log: Log, *, imu: float, velocity: float, friction: Friction = FRICTION
     return log.with_columns(
         {name: np.interp(log.t - delays[name], times, states[:, i]) for i, name in enumerate(STATE_NAMES)}
     )
+
+
+def exact() -> Robot:
+    """Return the thesis's robot without friction, of which the file is right."""
+    names = [
+        "drive.torque_constant",
+        "sensors.sample_time",
+        *(item.name for item in PARAMETERS if item.error),
+    ]
+    return alten().annotated(standard_deviations=dict.fromkeys(names, 0.0))

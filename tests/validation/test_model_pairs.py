@@ -38,9 +38,9 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
     assert set(one.open_loop.errors.verdicts()) == {"better"}
     assert set(other.open_loop.errors.verdicts()) == {"worse"}
     np.testing.assert_allclose(one.horizon.ratio, 1.0 / other.horizon.ratio, rtol=1e-12)
-    assert (
-        "the model of true.toml is better than the one of viscous.toml in every one" in findings(one)[0].text
-    )
+    adequacy, better = findings(one)[:2]
+    assert adequacy.code == "adequacy"
+    assert "the model of true.toml is better than the one of viscous.toml in every one" in better.text
     assert "worse in x, y" in other.open_loop.verdict()
 
 

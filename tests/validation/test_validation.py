@@ -13,6 +13,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.results import plain
 from ballbot.robot import Friction, Robot
+from ballbot.robot.components import scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.validation import (
     ErrorPair,
@@ -25,6 +26,7 @@ from ballbot.validation import (
     validate_pair,
 )
 from ballbot.validation.closed_loop import ClosedLoop, closed_loop, delay_of
+from ballbot.validation.horizons import compare_horizons
 from ballbot.validation.models import (
     Case,
     forecast,
@@ -169,6 +171,15 @@ def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
     np.testing.assert_allclose(horizon.ratio[0, 5:], 1.0, atol=0.3)
     np.testing.assert_allclose(horizon.rmse[0], validation.horizon.noise_floor, rtol=0.5)
     assert loop.remarks() == ()
+    assert validation.adequacy.up_to == horizon.horizons[-1]
+    assert findings(validation)[0].code == "adequacy"
+
+
+def test_a_model_of_wrong_friction_is_rejected_from_a_short_horizon_on():
+    robot, log = true_robot(), noisy_log()
+    wrong = robot.replace(friction=scaled_friction(robot.friction, 1.2))
+    case = Case(models=_models(wrong), log=log, parts=stretches(log))
+    assert compare_horizons(case).adequate_up_to < 0.05
 
 
 def test_on_a_perfect_log_closed_loop_repeats_the_log():

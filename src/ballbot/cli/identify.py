@@ -92,6 +92,7 @@ def identify(
             options=IdentificationOptions(
                 excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or (), described),
+                accept=accept or (),
             ),
             run=Run(seed=seed, progress=result.report),
         )

@@ -204,13 +204,24 @@ class Balancing:
             known.known[:] = True
         return self._linearized(known.slopes, known.residuals, at.weights, known.ties)
 
-    def linearize_widely(self, point: Floats, starts: Floats) -> Linearized:
-        """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
+    def linearize_widely(
+        self, point: Floats, starts: Floats, *, others: Sequence[tuple[Balancing, Balancing, float]] = ()
+    ) -> Linearized:
+        """Return the equations about a point (p,) and starts (w, 10), by wide central differences.
+
+        Each of `others`, two experiments ahead and behind and the distance between them, is one more parameter.
+        """
         residuals = self._residuals(point, starts)
         weights, _ = self._weighed(residuals)
         about = _differences(self.coordinates, point, weights, _WIDE, central=True)
         derivatives = self._each(_differences_of, lambda k: (about, starts[k], k, slice(None)))
-        return self._linearized(_with_floor(about, np.concatenate(derivatives)), residuals, weights, 0.0)
+        by_own = _with_floor(about, np.concatenate(derivatives))
+        by_others = [
+            np.nan_to_num((ahead._residuals(point, starts) - behind._residuals(point, starts)) / distance)
+            for ahead, behind, distance in others
+        ]
+        slopes = [by_own[:, :-_STATES], *(slope[:, None] for slope in by_others), by_own[:, -_STATES:]]
+        return self._linearized(np.concatenate(slopes, axis=1), residuals, weights, 0.0)
 
     def equations(self, at: WindowsIterate) -> WindowEquations:
         """Return each window's equations with the start eliminated, by wide central differences."""
@@ -273,8 +284,9 @@ class Balancing:
     def _linearized(
         self, slopes: Floats, residuals: Floats, weights: Floats, ties: Floats | float
     ) -> Linearized:
-        columns, size, count = np.flatnonzero(self.coordinates.free), len(self.coordinates.free), len(slopes)
-        Z, r, m = _flat(slopes, weights), _flat(residuals, weights), len(columns)
+        Z, r, free = _flat(slopes, weights), _flat(residuals, weights), self.coordinates.free
+        count, m, others = len(slopes), slopes.shape[1] - _STATES, slopes.shape[1] - _STATES - int(free.sum())
+        size, columns = len(free) + others, np.flatnonzero(np.append(free, np.ones(others, dtype=bool)))
         # so small that BLAS uses one thread, and the order of summation never changes
         G, z = Z @ Z.transpose(0, 2, 1) + ties, (Z @ r[..., None])[..., 0]
         H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))

@@ -28,6 +28,7 @@ from ballbot.identification.excitation import (
     heading_findings,
     share_shown,
 )
+from ballbot.identification.file_values import file_value_findings, from_file
 from ballbot.identification.laws import LAWS, bounds_of, law_named, robot_by_law
 from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
@@ -52,7 +53,6 @@ from ballbot.identification.variation import (
     variation_findings,
     wheels_mean,
     widened,
-    with_torque_scale,
 )
 from ballbot.identification.windows import (
     HELD_OUT,
@@ -63,7 +63,6 @@ from ballbot.identification.windows import (
 )
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
-from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
@@ -376,10 +375,12 @@ def _result(
     experiment, logs = prepared.experiment, list(checked.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     robot, layout = predictor.robot, coordinates.layout
-    # from windows, between logs, of the torque scale, and between wheels
+    # from windows, between logs, from the robot file, and between wheels
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
-    uncertainty = uncertainty_of_each(coordinates, uncertainty)
+    by_file, file_values = from_file(experiment, estimate)
+    uncertainty = uncertainty_of_each(coordinates, uncertainty.with_variation(by_file))
+    of_file = file_value_findings(file_values)
+    wrong = tuple(item.text.removesuffix(".") for item in of_file if item.severity == "error")
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
@@ -401,6 +402,9 @@ def _result(
         ),
         fit=window_errors(predictor, experiment.windows, values),
         held_out=held_out,
+        file_values=file_values,
+        file_share=by_file.diagonal()[coordinates.first] / uncertainty.covariance.diagonal(),
+        contradicted=() if "file-value" in options.accept else wrong,
         window=window,
         excluded_states=tuple(options.excluded_states),
         gauss_newton_cost=estimate.finished.history,
@@ -419,6 +423,7 @@ def _result(
             *discrepancy_finding(estimate.discrepancy),
             *variation_findings(varied),
             *file_findings(robot, balancing),
+            *of_file,
         ),
         other=estimate.other,
         log_findings=checked.findings,

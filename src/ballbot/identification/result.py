@@ -16,7 +16,7 @@ error. A law is rejected if an interval lies below a useful gain; otherwise it i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -30,6 +30,7 @@ from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, neighbours
 from ballbot.identification.coulomb import CoulombEquivalent
+from ballbot.identification.file_values import FileValue
 from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
@@ -60,10 +61,13 @@ class Identification(Reported):
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the held-out windows
+    file_share: Floats  #: (p,) of each variance, from the errors of the robot file; the rest is the logs'
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
+    file_values: tuple[FileValue, ...] = ()  #: of the robot file, beside the logs' own estimates of them
+    contradicted: tuple[str, ...] = ()  #: errors on them that are not accepted
     other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
     selection: LawSelection | None = None  #: of the law, if it is "best"
@@ -149,7 +153,7 @@ class Identification(Reported):
         ended &= values >= upper * (1.0 - 1e-9)
         dry = np.mean(values[np.isin(names, ("coulomb", "stribeck"))]) * 2.0
         varied = self.variation.deviations if self.variation.differ else {}
-        return verdict_of(
+        verdict = verdict_of(
             self.held_out.squares_with[:, self.counted],
             self.held_out.squares_without[:, self.counted],
             self.held_out.spans,
@@ -161,6 +165,7 @@ class Identification(Reported):
                 if name == "coulomb" and varied.get(label, 0.0) > WIDELY * dry
             ],
         )
+        return replace(verdict, reasons=(*verdict.reasons, *self.contradicted))
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -173,6 +178,10 @@ class Identification(Reported):
             "identified_from": list(self.robot.identified_from),
             "correlation": {"labels": list(self.labels), "matrix": self.correlation},
             "coulomb_equivalent": self.coulomb,
+            "robot_file": {
+                "share_of_variance": self.layout.by_symbol(self.file_share),
+                "values": self.file_values,
+            },
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
                 for name in self.layout.names

@@ -124,19 +124,6 @@ def widened(
     )
 
 
-def with_torque_scale(
-    coordinates: Coordinates, uncertainty: Uncertainty, scale_errors: Floats
-) -> Uncertainty:
-    """Return the uncertainty including that of the torque scale, by relative standard errors (n,) of the motors."""
-    layout, values = coordinates.layout, coordinates.physical(uncertainty.point)
-    of_wheel = np.zeros((layout.wheel_count, len(values)))
-    for columns in map(layout.columns, ("viscous", "coulomb", "stribeck")):
-        of_wheel[:, columns] = np.diag(values[columns])
-    slopes = np.where(coordinates.free, coordinates.slopes(uncertainty.point), np.inf)
-    by_scale = scale_errors[:, None] * of_wheel / slopes
-    return uncertainty.with_variation(by_scale.T @ by_scale)
-
-
 def variation_findings(varied: Variation) -> list[Finding]:
     """Return a warning if the variation between logs is assumed, or is larger than their errors."""
     assumed = (

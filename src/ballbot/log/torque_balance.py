@@ -286,15 +286,6 @@ class Gains:
         low, high = (factors / reach).tolist(), (factors * reach).tolist()
         return {i: (low[i], high[i]) for i in np.flatnonzero(wide).tolist()}
 
-    def scale_errors(self) -> Floats:
-        """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.
-
-        It is zero if the logs bound the scale to a factor of `MUST_SHOW`. If not, the scale is known by them and by
-        what is usual.
-        """
-        errors = (self.errors**-2.0 + USUAL**-2) ** -0.5
-        return np.where(np.isin(np.arange(len(errors)), list(self.unbounded())), errors, 0.0)
-
 
 def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""

@@ -102,6 +102,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
                 interval(of[label].lower, of[label].upper) if label in of else ""
                 for of in (fit.intervals, fit.variation.predictions)
             ),
+            f"{100.0 * fit.file_share[i]:.0f} %" if np.isfinite(fit.file_share[i]) else "",
             *([] if other is None else [digits(float(other.values[i]))]),
             f"{lower} to {upper}" if upper != lower else f"held at {lower}",
         )
@@ -112,10 +113,12 @@ def _parameter_sheet(fit: Identification) -> Sheet:
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in fit.names)
     caption = (
         f"{driveline_symbols(fit.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
-        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
+        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed. From the "
+        "file: share of the variance due to errors of the robot file's other values; the rest is the logs'."
     )
     headings = (
         *("parameter", "unit", "in the robot file", "found", "standard error", "95 %", "95 %, another log"),
+        "from the file",
         *(["other optimum"] if other else []),
         "allowed",
     )

@@ -56,10 +56,10 @@ def next_step(study: Study, path: Callable[[str], str]) -> str:
 
 
 def model_sentence(study: Study) -> str:
-    """Return how much better the model with friction predicts the held-out data."""
+    """Return how much better the model with friction predicts the held-out data, if they can show it."""
     validation = study.validation
     if validation.no_evidence is not None:
-        return validation.no_evidence
+        return ""
     horizon = validation.horizon
     ratio = digits(float(np.median(horizon.ratio[-1])), 2)
     return (
@@ -161,7 +161,7 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Result:
     """Return the page of a study."""
-    fit, choice = study.found, study.choice
+    fit, choice, validation = study.found, study.choice, study.validation
     controller = choice.controller or choice.trials["none"].controller
     limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
     why = (Bullets(_reasons(study)), gain_sheet(controller.gain), limit)
@@ -170,13 +170,14 @@ def study_report(study: Study) -> Result:
     if study.prediction:
         quantity, median, bounds, *_ = predicted_sheet(study.prediction).rows[0]
         predicted = capital(f"{quantity}: {median} ({bounds}).")
-    findings = Bullets(model_findings(study.validation))
-    first, *others = validation_sections(study.validation)
+    findings = Bullets(model_findings(validation))
+    first, *others = validation_sections(validation)
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({entry.name: entry.log for entry in study.logs}))}.",
         verdict=[
             ("Contradiction", (study.confirmation and study.confirmation.contradiction) or ""),
+            ("Adequacy", validation.no_evidence or validation.adequacy.sentence),
             ("Friction", friction_sentence(fit)),
             ("Model", model_sentence(study)),
             ("Compensation", compensation_sentence(choice)),
@@ -192,7 +193,7 @@ def study_report(study: Study) -> Result:
         ],
         undecided=[
             *texts(fit.findings),
-            *undecided_by(study.validation),
+            *undecided_by(validation),
             "This is a prediction until a log of the robot confirms it.",
         ],
         findings=study.log_findings,

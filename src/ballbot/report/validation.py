@@ -43,15 +43,15 @@ def validation_report(
     by_log: Mapping[str, Validation] = MappingProxyType({}),
 ) -> Result:
     """Return the page of a validation; with several logs, results.json also has the validation of each."""
-    verdict, *others = model_findings(validation)
+    texts = model_findings(validation)
     first, *rest = validation_sections(validation)
     logs = {"by_log": {name: part.results() for name, part in by_log.items()}} if by_log else {}
     return Result(
         title=title
         or f"Validation of the model {validation.models.first.name} on {validation.duration:.3g} s",
         lead=lead,
-        verdict=[("", verdict)],
-        sections=[first, details("What else was found", Bullets(others)), *rest],
+        verdict=[("", text) for text in texts[:2]],  # adequacy, then improvement
+        sections=[first, details("What else was found", Bullets(texts[2:])), *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
         data={"validation": validation.results() | logs, "findings": by_severity(validation.log_findings)},

@@ -22,7 +22,7 @@ True
 >>> set(validation.open_loop.errors.verdicts())
 {'better'}
 >>> [finding.code for finding in findings(validation)][:3]
-['open-loop', 'closed-loop', 'horizon']
+['adequacy', 'open-loop', 'closed-loop']
 
 The gain of the controller that recorded the log, and two models of choice on a part of the log:
 

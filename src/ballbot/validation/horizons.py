@@ -15,11 +15,13 @@ from ballbot.arrays import Floats
 from ballbot.fitting.comparison import FINEST, LEAST_RUNS, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.validation.models import (
+    RUNS,
     Case,
     Comparison,
     by_model,
     by_state,
     forecast,
+    least_of,
     rows_after,
     window_starts,
 )
@@ -29,6 +31,10 @@ HORIZONS = (0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
 
 #: interval between starts [s]: many starts, but with little overlap of their forecasts
 _SPACING = 0.1
+#: draws of the noise of each start, of which each of `RUNS` logs has one
+_DRAWS = 20
+#: rank of the 95 % quantile of `RUNS` values
+_MOST = 190
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,8 +44,8 @@ class Horizons(Comparison):
     horizons: Floats  #: (h,) [s], whole samples
     differences: Floats  #: (2, starts, h, 10), predicted less measured
     overlap: int  #: how many neighbouring forecasts share part of the log
-    #: (h, 10), RMSE that the noise of start and measurement alone would cause
-    noise_floor: Floats
+    #: (`RUNS`, h, 10), mean square errors that the noise of start and measurement alone would cause, of so many logs
+    own: Floats
     spread: Floats  #: (10,), standard deviation of the measured states
 
     @property
@@ -66,6 +72,27 @@ class Horizons(Comparison):
             return np.full((2, *shape), np.nan)
         first, second = self._squares().reshape(2, self.starts, -1)
         return ratio_interval(second, first, overlap=self.overlap, power=0.5).reshape(2, *shape)
+
+    @property
+    def noise_floor(self) -> Floats:
+        """RMSE (h, 10) that the noise of start and measurement alone would cause."""
+        return np.sqrt(self.own.mean(axis=0))
+
+    @property
+    def adequate_up_to(self) -> float:
+        """The horizon [s] up to which the errors may be those of the first model's own logs; 0 if at none.
+
+        At each horizon the states are counted whose error is at most the 95 % quantile of `own`, and the count is
+        ranked among those of `own`, each left out in turn. The horizon ends where the least rank so far is below the
+        5 % quantile of theirs.
+        """
+        ordered = np.sort(self.own, axis=0)
+        inside = (self.rmse[0] ** 2 <= ordered[_MOST - 1]).sum(axis=-1)
+        of_own = (self.own <= ordered[_MOST - 2]).sum(axis=-1)
+        ranks = np.array([(of_own <= counts).sum(axis=0) for counts in (inside, *of_own)])
+        least, *others = np.minimum.accumulate(ranks, axis=1)
+        rejected = least < [least_of(of_horizon) for of_horizon in np.transpose(others)]
+        return float(np.append(0.0, self.horizons)[np.argmax(np.append(rejected, True))])
 
     def _squares(self) -> Floats:
         """Return the squared errors, each at least `FINEST` squared."""
@@ -105,12 +132,12 @@ class Horizons(Comparison):
     def join(cls, parts: Sequence[Self]) -> Self:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the errors over the starts of all parts with the first part's horizons, and that part's spread."""
         alike = [part for part in parts if np.array_equal(part.horizons, parts[0].horizons)]
-        squares = np.array([part.noise_floor for part in alike]) ** 2
-        weights = [part.starts for part in alike]
+        # the noise of every log is drawn from the same seed
+        own = [np.roll(part.own, k, axis=0) for k, part in enumerate(alike)]
         return replace(
             parts[0],
             differences=np.concatenate([part.differences for part in alike], axis=1),
-            noise_floor=np.sqrt(np.average(squares, axis=0, weights=weights)),
+            own=np.average(own, axis=0, weights=[part.starts for part in alike]),
         )
 
 
@@ -124,15 +151,18 @@ def compare_horizons(case: Case) -> Horizons:
     starts = window_starts(parts, samples=samples, every=max(1, round(_SPACING / step)))
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
-    noise = case.drawn_noise(2, len(starts))
-    shifted = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
-    floor = (shifted + noise[1][:, None] - states[0])[:, ahead - 1]
+    squares, each, model = [], np.arange(len(starts)), models.first.model
+    for of_start, of_end in case.drawn_noise(_DRAWS, 2, len(starts)):
+        shifted = forecast([model], log, starts, samples, initial=log.states[starts] + of_start)[0]
+        squares.append((shifted + of_end[:, None] - states[0])[:, ahead - 1] ** 2)
+    noise, random = np.array(squares), np.random.default_rng(case.seed)
+    drawn = random.integers(_DRAWS, size=(RUNS, len(starts)))
     horizons = ahead * step
     return Horizons(
         models=models,
         horizons=horizons,
         differences=(states - measured)[:, :, ahead - 1],
         overlap=int(-(-horizons[-1] // _SPACING)),
-        noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
+        own=np.array([noise[draws, each].mean(axis=0) for draws in drawn]),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
     )

@@ -20,9 +20,17 @@ from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.validation.models import Case, Comparison, Trajectories, by_model, by_state, keys_of, stretches
+from ballbot.validation.models import (
+    RUNS,
+    Case,
+    Comparison,
+    Trajectories,
+    by_model,
+    by_state,
+    keys_of,
+    stretches,
+)
 
-RUNS = 199  #: of each model
 _RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
 QUANTITIES = ("rms", "amplitude", "period")
 #: longest part of a log that is compared [s]: the work grows with its length
@@ -63,11 +71,11 @@ class WholeLog(Comparison):
         return np.where(self.measured < lower, -1, np.where(self.measured > upper, 1, 0))
 
     @property
-    def nearer(self) -> tuple[int, int]:
-        """In how many of the 30 numbers the median of the first and of the second model has the ratio nearer to one."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            away = np.nan_to_num(np.abs(np.log(self.ranges[1] / self.measured)), nan=0.0)
-        return int((away[0] < away[1]).sum()), int((away[1] < away[0]).sum())
+    def own_inside(self) -> Ints:
+        """In how many of the 30 numbers each of the first model's runs is within the range of the others (runs,)."""
+        # without the run itself, the ends are those that are next to the range's
+        lower, upper = np.sort(self.runs[0], axis=0)[[_RANKS[0], _RANKS[-1] - 2]]
+        return ((self.runs[0] >= lower) & (self.runs[0] <= upper)).sum(axis=(1, 2))
 
     def verdict(self) -> str:
         """Return in how many states the log lies within the range of each model's runs, and how many runs fell."""
@@ -82,8 +90,7 @@ class WholeLog(Comparison):
         return (
             f"Over {self.duration:.3g} s without a restart, RMS, amplitude and period of the log's deviations from the "
             f"reference lie within the 95 % range of {RUNS} runs of the model {first} in {counts[0]} of the ten "
-            f"states, and of the model {second} in {counts[1]}; the medians of the model {first} are nearer to the log "
-            f"in {self.nearer[0]} of these 30 numbers.{''.join(fell)}"
+            f"states, and of the model {second} in {counts[1]}.{''.join(fell)}"
         )
 
     def results(self) -> dict[str, object]:

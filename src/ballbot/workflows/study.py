@@ -158,7 +158,9 @@ def study(
     tried = sampled_at(load_scenario(scenario or "nominal", robot), sample_time)
     _ = PlantDraw(robot=robot, known=robot, scenario=tried, seed=0).on_loop  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
-    fitting = IdentificationOptions(excluded_states=tuple(options.excluded_states), back_emf=options.back_emf)
+    fitting = IdentificationOptions(
+        excluded_states=tuple(options.excluded_states), back_emf=options.back_emf, accept=options.accept
+    )
     identifying = _named(run, "identifying friction")
     law = robot.friction.law if robot.friction.own_law else "stribeck"
     fit = identify(robot, checked, law=law, bounds=options.bounds, options=fitting, run=identifying)

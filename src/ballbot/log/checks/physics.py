@@ -14,7 +14,6 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import nnls
 
-from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.findings import Finding
 from ballbot.log.checks.lean import check_lean_axes
@@ -28,7 +27,6 @@ from ballbot.log.torque_balance import (
     SURE,
     TURNED_POWER,
     UNLIKE,
-    USUAL,
     CommandOrder,
     Driving,
     Gains,
@@ -137,15 +135,6 @@ def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Findin
         for i, (low, high) in wide.items()
     )
     return judged("torque-bound", [names[i] for i in wide], len(wide), bounds=bounds)
-
-
-def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
-    """Return the relative standard error (n,) that a motor's friction has because logs do not bound its torque's scale.
-
-    Zero where they bound it; what is usual where they do not show it at all.
-    """
-    known = [log_physics.gains for log in logs if (log_physics := examine(log, robot)).gains is not None]
-    return together(known).scale_errors() if known else np.full(robot.wheel_count, USUAL)
 
 
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
