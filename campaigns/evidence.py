@@ -37,6 +37,7 @@ CAMPAIGNS = {
     "limits": "campaigns.limits",
     "choice": "campaigns.controller_factors:choice",
     "factors": "campaigns.controller_factors",
+    "pivoting": "campaigns.pivoting",
     "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",

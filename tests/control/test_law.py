@@ -68,7 +68,7 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
 
 
 def limited(u: np.ndarray, limit: float) -> np.ndarray:
-    """The torques scaled about a mean that is what was asked or nearer to zero; far beyond the limit, each by itself."""
+    """The torques scaled about a mean that is what was asked or nearer to zero; far beyond it, each by itself."""
     if np.abs(u).max() <= limit:
         return u
     lean = u - u.mean()

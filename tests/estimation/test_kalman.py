@@ -270,6 +270,12 @@ def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
     assert abs(errors[1]) > 5 * abs(errors[0])
 
 
+def test_a_robot_file_that_lets_the_ball_pivot_makes_the_wheels_count_less() -> None:
+    known = FilterNoise.of(ALTEN.replace({"friction.pivoting": 0.0005}))
+    assert known.pivoting > 2 * NOISE.pivoting == 2 * FilterNoise.pivoting
+    assert replace(known, pivoting=NOISE.pivoting) == NOISE
+
+
 def test_reset_restores_the_initial_state() -> None:
     run = swaying(samples=50, seed=1, noise=NOISE)
     kalman, fresh = ran(run)[0], KalmanFilter(LIGHT, sample_time=H)

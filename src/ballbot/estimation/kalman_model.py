@@ -63,6 +63,10 @@ from ballbot.records import MAX_WHEELS, number, schema_of
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 
+#: of a standing ball's pivoting, the density times the arm of what resists it: of those of 1 and 2 mm on the twin
+#: [m rad/sqrt(s)]
+_CREEP = 5e-6
+
 
 @dataclass(frozen=True, kw_only=True)
 class FilterNoise:
@@ -100,7 +104,9 @@ class FilterNoise:
         sensors = robot.sensors
         step = encoder_step(robot)
         by_x, by_y, by_z = (step * np.linalg.norm(transforms(robot).T_obw, axis=1)).tolist()
+        arm = robot.friction.pivoting
         return FilterNoise(
+            pivoting=math.hypot(FilterNoise.pivoting, _CREEP / arm if arm else 0.0),
             counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),
             gyro=max(sensors.gyro_noise, 1e-5),
             attitude=max(sensors.attitude_noise, 1e-5),
@@ -563,7 +569,7 @@ def sample_code() -> int:
 
 @traced
 def sample_block(code, work, width):
-    """Take the filters of the first lanes over a sample; see the rows `VARIANCES` and `GYRO_BEFORE` to `SHOWN` for the inputs."""
+    """Take the filters of the first lanes over a sample; the inputs are the rows from `VARIANCES` to `SHOWN`."""
     outside(code, work, width)
 
 
