@@ -49,6 +49,7 @@ CAMPAIGNS = {
     "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
     "factors": "campaigns.controller_factors",
+    "pivoting": "campaigns.pivoting",
     "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",

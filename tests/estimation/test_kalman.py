@@ -54,6 +54,8 @@ from tests.support.estimation_examples import (
 
 LIGHT = light_wheels()
 NOISE = FilterNoise.of(ALTEN)
+#: a mean over no time, which adds nothing to the density of the pivoting [s]
+NEVER = 1e-9
 leans = arrays(np.float64, 2, elements=st.floats(-0.6, 0.6))
 
 
@@ -208,7 +210,7 @@ def test_heading_uncertainty_walks_by_pivoting_without_references() -> None:
     An unsure lean adds to that, for the ball's turning is then not known to be level; a sure one, seen to turn in the
     body's frame, contains a little information on the bias.
     """
-    blind = replace(NOISE, gyro_bias=1.0, heading_drift=1.0)
+    blind = replace(NOISE, gyro_bias=1.0, heading_drift=1.0, pivoting_time=NEVER)
     run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=0.01))
     walked = blind.pivoting * np.sqrt(4000 * H)
     assert 0.9 * walked < np.sqrt(covariance_of(ran(run, blind)[0])[4, 4]) < 1.5 * walked
@@ -262,18 +264,16 @@ def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:
 def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
     spin = np.where((np.arange(4000) >= 3000) & (np.arange(4000) < 3200), 0.8, 0.0)  # 46 degrees in 1 s
     run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=1e-4), pivot=spin)
-    watchful, trusting = replace(NOISE, pivoting_limit=0.08), replace(NOISE, pivoting_limit=1e9)
+    watchful, trusting = NOISE, replace(NOISE, pivoting_time=NEVER)
     errors = [np.degrees(ran(run, noise)[1][-1, 4] - run.truth[-1, 4]) for noise in (watchful, trusting)]
-    assert abs(errors[0]) < 5.0
-    assert abs(errors[1]) > 2 * abs(errors[0])
-    kalman = KalmanFilter(LIGHT, sample_time=H)
-    seen = []
-    for reading in run.readings:
-        kalman.update(reading)
-        seen.append(abs(kalman._memory["pivoting"][0]) > kalman.noise.pivoting_limit)
-    assert not any(seen[:3000])
-    assert all(seen[3030:3200])
-    assert not any(seen[3800:])
+    assert abs(errors[0]) < 1.0
+    assert abs(errors[1]) > 5 * abs(errors[0])
+
+
+def test_a_robot_file_that_lets_the_ball_pivot_makes_the_wheels_count_less() -> None:
+    known = FilterNoise.of(ALTEN.replace({"friction.pivoting": 0.0005}))
+    assert known.pivoting > 2 * NOISE.pivoting == 2 * FilterNoise.pivoting
+    assert replace(known, pivoting=NOISE.pivoting) == NOISE
 
 
 def test_reset_restores_the_initial_state() -> None:

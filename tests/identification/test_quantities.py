@@ -23,6 +23,7 @@ from ballbot.identification.quantities import (
 from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
+from ballbot.robot.variations import draw_robots
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -236,6 +237,18 @@ def test_a_ball_that_pivots_is_predicted_from_its_spin():
     log = with_speeds(log_of([*x[:, :10]], torques), plant.wheel_speed(x[:, :5], x[:, 5:]))
     assert np.abs(residuals(log, {"pivoting": [0.05]})).max() < ROUNDING
     assert np.abs(residuals(log, {"delay": [0.0]})[:, :, PSI]).max() > 1e-3
+
+
+def test_pivoting_that_is_found_is_the_robot_s_arm_and_stays_where_it_is_not_estimated():
+    robot = alten(FRICTION).replace({"friction.pivoting": 0.004})
+    layout, plain = (Layout(wheel_count=3, extra=extra) for extra in (("pivoting",), ()))
+    values = layout.nominal(robot)
+    assert layout.number("pivoting", values) == pytest.approx(0.004 * robot.weight)
+    for torque, arm in ((0.2, 0.2 / robot.weight), (0.0, 1e-6)):
+        assert layout.robot_of(robot, np.append(values[:-1], torque)).friction.pivoting == pytest.approx(arm)
+    assert plain.robot_of(robot, plain.nominal(robot)).friction.pivoting == 0.004
+    unsure = robot.annotated(standard_deviations={"friction.pivoting": 0.004})
+    assert all(one.friction.pivoting > 0.0 for one in draw_robots(unsure, 20, seed=0))  # zero means unknown
 
 
 def showing(log: Log, share: float) -> Log:

@@ -373,7 +373,7 @@ enum {{ {sensors}, NUMBERS = {NUMBERS} }};
 /* Entries of F besides the unit matrix, and those of H that vary. */
 enum {{ F_ENTRIES = {len(ENTRIES)}, H_ENTRIES = {next(indices)} }};
 
-/* Omega_z, which does not count while the ball pivots. */
+/* Omega_z, which counts the less the more the ball pivots. */
 enum {{ PIVOTING_SEEN = {PIVOTING_SEEN} }};
 
 /* Pairs of states that are known from the start only together. */

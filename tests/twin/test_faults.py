@@ -16,6 +16,8 @@ from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Carpet, Compliance, LoadDependence, Payload, Softness, Timing
+from ballbot.twin.imperfections import true_model
+from ballbot.twin.mjcf import floor_friction
 from tests.support.twin_examples import ALTEN, IDEAL, block_of, ideal, lone_ball
 
 # Contacts
@@ -162,6 +164,17 @@ def test_payload_is_put_on_and_taken_off() -> None:
     assert leans[700:790].mean() == pytest.approx(0.0, abs=3e-4)
     assert leans[1800:1990].mean() == pytest.approx(expected, abs=1e-3)
     assert leans[3000:].mean() == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_twin_with_the_friction_of_a_robot_file_has_its_pivoting_too() -> None:
+    own = replace(ALTEN.friction, pivoting=0.03)
+    scenario = ideal(
+        carpet=Carpet(rolling=0.0, pivoting=0.05, begins=1.0, ends=2.0), pivoting=0.01, friction=own
+    )
+    assert [floor_friction(ALTEN, scenario.at(t))[2] for t in (0.0, 1.0, 2.0)] == [0.03, 0.05, 0.03]
+    model = true_model(ALTEN, scenario.at(1.0))
+    assert model.pivoting == pytest.approx(0.05 * ALTEN.weight)
+    assert true_model(ALTEN, ideal(pivoting=0.01)).pivoting is None
 
 
 def test_carpet_is_under_the_robot_for_a_while() -> None:

@@ -163,6 +163,28 @@ def _feedback(gain, e):
 
 
 @inlined
+def _limit_together(torques, limit, n):
+    """Limit the torques of all wheels so that the lean's come first and nothing turns the robot that was not asked for.
+
+    Their mean turns the robot, and what they differ by moves it. If more than twice the limit is asked for, the robot
+    is about to fall: the more is asked, the more each wheel gives what it can, though that turns the robot.
+    """
+    mean, least, most = 0.0, 0.0, 0.0
+    for i in range(n):
+        mean += torques[i] / n
+    for i in range(n):
+        least = min(least, torques[i] - mean)
+        most = max(most, torques[i] - mean)
+    largest = max(most, -least)
+    share = limit / largest if largest > limit else 1.0
+    turning = min(max(mean, -limit - share * least), limit - share * most)
+    falling = max(0.0, 1.0 - 2.0 * share)
+    for i in range(n):
+        together = turning + share * (torques[i] - mean)
+        torques[i] = clipped(together + falling * (clipped(torques[i], limit) - together), limit)
+
+
+@inlined
 def _filter_and_limit(law, memory, torques, n, learned):
     """Filter, limit and remember the torques, `learned` ones among them; return whether one exceeded the limit."""
     history, limit, limited = memory.history, law.torque_limit, False
@@ -172,9 +194,10 @@ def _filter_and_limit(law, memory, torques, n, learned):
         if learned:
             torques[i] = with_policy(law, memory, torques[i], i)
         limited = limited or abs(torques[i]) > limit
-        torques[i] = clipped(torques[i], limit)
-        history.acting[0, i] = torques[i]
+    if limited:
+        _limit_together(torques, limit, n)
     for i in range(n):
+        history.acting[0, i] = torques[i]
         history.limited[0, i] = 1.0 if limited else 0.0
     return limited
 

@@ -16,9 +16,9 @@ from ballbot.estimation.kalman_model import (
     GYRO_BEFORE,
     NUMBERS,
     PIVOTING,
-    PIVOTING_LIMIT,
+    PIVOTING_SEEN,
     PIVOTING_SHARE,
-    PIVOTS,
+    PIVOTING_VARIANCE,
     SHOWN,
     START_COVARIANCES,
     START_VARIANCES,
@@ -118,8 +118,9 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
         memory.angles[i] = reading.wheel_angles[i]
     _put(filters, _WHEELS, lane, turned, ball_rate(ball_from_wheels, n, memory.speeds))
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
-    # the wheels have lately seen the ball turn on the spot: they do not correct the heading
-    filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > row[PIVOTING_LIMIT] else 0.0
+    # the more the ball lately turned on the spot by the wheels, the less they correct the heading
+    pivoted = row[PIVOTING_VARIANCE] * memory.pivoting * memory.pivoting
+    filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
 

@@ -56,12 +56,16 @@ from ballbot.arrays import Floats
 from ballbot.mechanics.engine.compiled import c_code, compiled
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
-from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, outside, root, traced, where
+from ballbot.mechanics.engine.tracing import either, greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, inner, scale, subtract, summed
 from ballbot.mechanics.geometry import transforms
 from ballbot.records import MAX_WHEELS, number, schema_of
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
+
+#: of a standing ball's pivoting, the density times the arm of what resists it: of those of 1 and 2 mm on the twin
+#: [m rad/sqrt(s)]
+_CREEP = 5e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +91,7 @@ class FilterNoise:
     #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
     #: sum of squares over the wheels
     counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pivoting_time: float = 0.5  #: over which that is averaged to find whether the ball pivots [s]
-    pivoting_limit: float = 0.08  #: average from which it does; rollers and play make 0.02 [rad/s]
+    pivoting_time: float = 0.5  #: over which what they show is averaged: its square adds to that density [s]
     start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
@@ -101,7 +104,9 @@ class FilterNoise:
         sensors = robot.sensors
         step = encoder_step(robot)
         by_x, by_y, by_z = (step * np.linalg.norm(transforms(robot).T_obw, axis=1)).tolist()
+        arm = robot.friction.pivoting
         return FilterNoise(
+            pivoting=math.hypot(FilterNoise.pivoting, _CREEP / arm if arm else 0.0),
             counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),
             gyro=max(sensors.gyro_noise, 1e-5),
             attitude=max(sensors.attitude_noise, 1e-5),
@@ -403,7 +408,8 @@ class KalmanRecord:
     #: of a with g, and of psi with psi_a
     start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
-    pivoting_limit: float = field(metadata=number("rad/s"))
+    #: variance that Omega_z has besides, over the square of that mean
+    pivoting_variance: float = field(metadata=number("1"))
 
 
 KALMAN = schema_of(KalmanRecord)
@@ -414,7 +420,7 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
 _LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
-PIVOTING_SHARE, PIVOTING_LIMIT = _PLACE["pivoting_share"], _PLACE["pivoting_limit"]
+PIVOTING_SHARE, PIVOTING_VARIANCE = _PLACE["pivoting_share"], _PLACE["pivoting_variance"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
 _GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS
@@ -423,8 +429,7 @@ COVARIANCE = STATE + STATES
 GYRO_BEFORE = COVARIANCE + _TRIANGLE_SIZE  #: at the sample's start [rad/s]
 GYRO = GYRO_BEFORE + 3  #: at its end
 SHOWN = GYRO + 3  #: what the sensors show, in the order of `SEEN`; NaN if missing
-PIVOTS = SHOWN + NUMBERS  #: 1 if the ball turns on the spot, so that Omega_z = 0 does not hold, else 0
-PIVOTING = PIVOTS + 1  #: result: Omega_z as the wheels have it [rad/s]
+PIVOTING = SHOWN + NUMBERS  #: result: Omega_z as the wheels have it [rad/s]
 _VELOCITY = PIVOTING + 1
 _F = _VELOCITY + 2
 _RESIDUAL = _F + len(ENTRIES)
@@ -539,8 +544,6 @@ def _take_in(work, lane, number):
     s, residual = entry(work, VARIANCES + number, lane) + spread, entry(work, _RESIDUAL + number, lane)
     residual = residual - expected
     taken = residual == residual
-    if number == PIVOTING_SEEN:
-        taken = both(taken, entry(work, PIVOTS, lane) == 0.0)
     p, change = corrected(P, change, q, where(taken, residual, 0.0), where(taken, 1.0 / s, 0.0))
     stored(work, COVARIANCE, lane, tuple(p))
     stored(work, _CHANGE, lane, change)
@@ -566,7 +569,7 @@ def sample_code() -> int:
 
 @traced
 def sample_block(code, work, width):
-    """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTS` for the inputs."""
+    """Take the filters of the first lanes over a sample; the inputs are the rows from `VARIANCES` to `SHOWN`."""
     outside(code, work, width)
 
 

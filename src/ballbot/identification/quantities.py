@@ -186,6 +186,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         "largest friction against the ball's pivoting on the floor",
         "",
         "amount",
+        own=lambda robot: (robot.pivoting_torque or 0.0,),
+        lines=("friction.pivoting",),
     ),
     _of_robot("body.center_of_mass", bounds=(0.5, 2.0)),
     Quantity(
@@ -358,6 +360,7 @@ class Layout:
         b, c, s, (v_s,), (delta,), (C_rr,) = (values[self._columns[name]].tolist() for name in FRICTION)
         offset = self.part("torque_offset", values) if asymmetric else None
         by_direction, load = (self.part(name, values) for name in TERMS)
+        pivoting = self.part("pivoting", values)
         friction = replace(
             robot.friction,
             viscous=tuple(b),
@@ -366,6 +369,7 @@ class Layout:
             stribeck_speed=v_s,
             stribeck_exponent=delta,
             rolling=C_rr,
+            pivoting=robot.friction.pivoting if pivoting is None else _arm(float(pivoting[0]), robot),
             coulomb_asymmetry=() if offset is None else _within(-offset, c),
             stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
             load=() if load is None else tuple(load.tolist()),
@@ -392,6 +396,11 @@ class Layout:
             numbers = values[columns].tolist()
             table[BY_NAME[name].symbol] = numbers if BY_NAME[name].each else numbers[0]
         return table
+
+
+def _arm(torque: float, robot: Robot) -> float:
+    """Return the arm [m] of a pivoting friction [N m]: a micrometre for none, for zero means unknown."""
+    return max(torque / robot.weight, 1e-6)
 
 
 def _shaped_like(value: Value, numbers: Floats) -> Value:

@@ -44,7 +44,7 @@ def found_robot(
 ) -> Robot:
     """Return the robot with friction and rigid body from an estimate; its sources state the standard errors.
 
-    Gains, offsets, delays, biases and T_p are only in the result: a robot file has no such numbers. With the laws
+    Gains, offsets, delays and biases are only in the result: a robot file has no such numbers. With the laws
     "asymmetric" and "directed" the offsets are friction.
     """
     values, errors = uncertainty.coordinates.physical(uncertainty.point), uncertainty.standard_errors

@@ -233,6 +233,14 @@ class Friction:
     stribeck_speed: float = parameter("v_s, speed at which s_i has fallen to 37 %", "rad/s", usual=(0.1, 3.0))
     stribeck_exponent: float = parameter("delta, how sharply it falls", usual=(0.3, 10.0))
     rolling: float = parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05))
+    pivoting: float = parameter(
+        "p, arm of the largest moment against the ball's pivoting on the floor, over its load; 0: unknown",
+        "m",
+        default=0.0,
+        least=0.0,
+        most=1.0,
+        usual=(0.0, 0.1),
+    )
     coulomb_asymmetry: tuple[float, ...] = parameter(
         "d_i, c_i forward less its mean of both directions",
         "N m",
@@ -389,6 +397,11 @@ class RobotValues:
         return (self.ball.mass + self.body.mass) * self.gravity
 
     @property
+    def pivoting_torque(self) -> float | None:
+        """The largest moment N p [N m] against the ball's pivoting on a level floor; None if unknown."""
+        return self.weight * self.friction.pivoting or None
+
+    @property
     def rolling_force(self) -> float:
         """The friction N C_rr [N] of a ball that rolls on a level floor, and the largest that holds one at rest."""
         return self.weight * self.friction.rolling
@@ -434,10 +447,10 @@ def scaled_body(body: Body, *, mass: float, height: float) -> Body:
 def scaled_friction(
     friction: Friction, factor: float | Sequence[float], *, rolling_factor: float | None = None
 ) -> Friction:
-    """Return friction whose torques and whose rolling friction are that many times as large; v_s and delta stay.
+    """Return friction whose torques and whose floor friction are that many times as large; v_s and delta stay.
 
-    The factor is that of every term, of all wheels or of each. `rolling_factor` is that of C_rr, needed if each wheel
-    has a factor of its own, and `factor` by default.
+    The factor is that of every term, of all wheels or of each. `rolling_factor` is that of C_rr and p, needed if each
+    wheel has a factor of its own, and `factor` by default.
     """
     factors = factor if isinstance(factor, Sequence) else (factor,) * len(friction.coulomb)
     of_floor = factor if rolling_factor is None else rolling_factor
@@ -456,5 +469,6 @@ def scaled_friction(
         friction,
         **{name: scaled(getattr(friction, name)) for name in names},
         rolling=of_floor * friction.rolling,
+        pivoting=of_floor * friction.pivoting,
         own=tuple((name, scaled(value) if name in proportional else value) for name, value in friction.own),
     )

@@ -125,7 +125,8 @@ def _within(robot: Robot, number: Uncertain, amount: float) -> float:
         return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
-    least = parameter.least if parameter.least_is_allowed else _LEAST_SHARE * value
+    zero = parameter.least_is_allowed and parameter.default != 0.0  # which else means unknown
+    least = parameter.least if zero else _LEAST_SHARE * value
     return max(amount, least - value)
 
 

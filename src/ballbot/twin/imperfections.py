@@ -112,7 +112,9 @@ def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: Estimato
     """Return a model with its own friction behind a scenario's sensors, drive, floor and payload."""
     identified = with_identified(load_scenario(scenario, model.robot), model.robot.friction)
     robot = model.robot
-    true = Model(true_model(robot, identified).robot, model.formulation, model.step, model.pivoting)
+    start = true_model(robot, identified)
+    pivoting = start.pivoting if model.pivoting is None and model.formulation == "exact" else model.pivoting
+    true = Model(start.robot, model.formulation, model.step, pivoting)
     imperfections = replace(imperfections_of(identified, known=robot), later=changes_of(robot, identified))
     return SensedPlant(true, imperfections, estimator=estimator)
 
@@ -120,11 +122,12 @@ def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: Estimato
 def true_model(robot: Robot, scenario: Scenario) -> Model:
     """Return the model of a twin at the start: the robot with the scenario's friction, of the floor too, and payload.
 
-    The ball does not pivot; on the twin it pivots little.
+    The ball pivots if the friction says how; else it does not, where on the twin it pivots little.
     """
     start = scenario.at(0.0)
     body = loaded_body(robot.body, start.payload) if start.payload else robot.body
-    return Model(robot.replace(friction=start.friction, body=body))
+    true = robot.replace(friction=start.friction, body=body)
+    return Model(true, pivoting=true.pivoting_torque)
 
 
 def loaded_body(body: Body, payload: Payload) -> Body:

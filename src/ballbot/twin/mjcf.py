@@ -286,7 +286,8 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
 def floor_friction(robot: Robot, scenario: Scenario) -> tuple[float, float, float, float, float]:
     """Return MuJoCo's friction of the ball on the floor: sliding twice, pivoting [m], rolling twice [m]."""
     rolling = scenario.friction.rolling * robot.ball.radius  # a force N C_rr at r_b is a moment N C_rr r_b
-    return (scenario.floor_grip, scenario.floor_grip, scenario.pivoting, rolling, rolling)
+    pivoting = scenario.friction.pivoting or scenario.pivoting  # a robot file's, where the friction is
+    return (scenario.floor_grip, scenario.floor_grip, pivoting, rolling, rolling)
 
 
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:

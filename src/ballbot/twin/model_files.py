@@ -77,7 +77,10 @@ def read_model(path: str | Path, *, like: Robot) -> ReadModel:
 def _completed(like: Robot, stated: dict[str, Value], notes: tuple[str, ...], source: str) -> ReadModel:
     """Return the robot with what a model states, and the rest as in another one."""
     friction = Friction.none(np.size(stated["wheels.azimuths"]))
-    terms = ("viscous", "coulomb", "stribeck", "rolling", "coulomb_asymmetry", "stribeck_asymmetry", "load")
+    terms = (
+        *("viscous", "coulomb", "stribeck", "rolling", "pivoting"),
+        *("coulomb_asymmetry", "stribeck_asymmetry", "load"),
+    )
     none = {f"friction.{term}": getattr(friction, term) for term in terms if f"friction.{term}" not in stated}
     rest = [row for row in PARAMETERS if row.name not in stated and row.name not in none]
     sources = {

@@ -149,7 +149,9 @@ class Scenario:
             there = payload.put_on <= t < payload.taken_off
             payload = replace(payload, put_on=0.0, taken_off=NEVER) if there else None
         if carpet and carpet.begins <= t < carpet.ends:
-            friction, pivoting = replace(friction, rolling=carpet.rolling), carpet.pivoting
+            pivoting = carpet.pivoting
+            known = pivoting if friction.pivoting else 0.0
+            friction = replace(friction, rolling=carpet.rolling, pivoting=known)
         return replace(self, payload=payload, carpet=None, friction=friction, pivoting=pivoting)
 
     @staticmethod

@@ -115,7 +115,8 @@ class Course:
 
     def with_wheel_friction(self, friction: Friction) -> Course:
         """Return the course with that friction of the wheels on the twin, too; the floor's stays its own."""
-        friction = replace(friction, rolling=self.scenario.friction.rolling)
+        floor = self.scenario.friction
+        friction = replace(friction, rolling=floor.rolling, pivoting=floor.pivoting)
         return replace(self, scenario=replace(self.scenario, friction=friction))
 
     def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "451aab360773db5ab90920be3112e7879a91cc202074a37d3ecbd1b2a50ed6ba"
+#define BALLBOT_SCHEMA_DIGEST "6118b57a42751857a114a6283d7cd845b37e31b23510c1158bd39e39ce6b344b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1159375670, 125033306, 956899518, 823322503, 445762592, 544514941, 1053544882, 621729466 }
+#define BALLBOT_SCHEMA_WORDS { 1629009274, 1114970199, 555001384, 1031592005, 863908274, 890290453, 198417977, 1315648587 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -229,7 +229,7 @@ struct ballbot_kalman_record {
     float start_variances[14]; /* [square of the state] */
     float start_covariances[3]; /* [1, rad^2] */
     float pivoting_share; /* [1] */
-    float pivoting_limit; /* [rad/s] */
+    float pivoting_variance; /* [1] */
 };
 typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 65u * sizeof(float)) ? 1 : -1];
 

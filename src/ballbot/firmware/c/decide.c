@@ -64,6 +64,36 @@ static float feedback(const float gain[10], const struct ballbot_robot_state *e)
     return for_pose + for_speed + gain[7] * e->theta_dot + gain[8] * e->phi_dot + gain[9] * e->psi_dot;
 }
 
+/* Limit the torques of all wheels so that the lean's come first and nothing turns the robot that was not asked for.
+ *
+ * Their mean turns the robot, and what they differ by moves it. If more than twice the limit is asked for, the robot
+ * is about to fall: the more is asked, the more each wheel gives what it can, though that turns the robot.
+ */
+static void limit_together(float torques[], float limit, int32_t n)
+{
+    float mean = 0.0f;
+    float least = 0.0f;
+    float most = 0.0f;
+
+    for (int32_t i = 0; i < n; ++i) {
+        mean += torques[i] / (float)n;
+    }
+    for (int32_t i = 0; i < n; ++i) {
+        least = ballbot_smaller(least, torques[i] - mean);
+        most = ballbot_larger(most, torques[i] - mean);
+    }
+    const float largest = ballbot_larger(most, -least);
+    const float share = (largest > limit) ? limit / largest : 1.0f;
+    const float turning = ballbot_smaller(ballbot_larger(mean, -limit - share * least), limit - share * most);
+    const float falling = ballbot_larger(0.0f, 1.0f - 2.0f * share);
+
+    for (int32_t i = 0; i < n; ++i) {
+        const float together = turning + share * (torques[i] - mean);
+
+        torques[i] = ballbot_clipped(together + falling * (ballbot_clipped(torques[i], limit) - together), limit);
+    }
+}
+
 /* Filter, limit and remember the torques, learned ones among them; return whether one exceeded the limit. */
 static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memory *memory, float torques[],
         int32_t n, bool learned)
@@ -79,10 +109,12 @@ static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memor
             torques[i] = ballbot_with_policy(law, memory, torques[i], i);
         }
         limited = limited || ballbot_magnitude(torques[i]) > limit;
-        torques[i] = ballbot_clipped(torques[i], limit);
-        history->acting[0][i] = torques[i];
+    }
+    if (limited) {
+        limit_together(torques, limit, n);
     }
     for (int32_t i = 0; i < n; ++i) {
+        history->acting[0][i] = torques[i];
         history->limited[0][i] = limited ? 1.0f : 0.0f;
     }
     return limited;

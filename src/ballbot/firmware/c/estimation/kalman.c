@@ -67,8 +67,8 @@ static void take_in(float P[STATES][STATES], struct seen *seen, int32_t number)
     corrected(q, seen->residual[number] - known, inverse, P, seen->change);
 }
 
-/* Take in all that was seen, one number after the other. A number that is missing, or does not count, changes nothing. */
-static void absorb(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, struct seen *seen)
+/* Take in all that was seen, one number after the other. A number that is missing changes nothing. */
+static void absorb(struct ballbot_kalman_memory *memory, struct seen *seen)
 {
     float before[STATES]; /* variances */
     for (int32_t i = 0; i < STATES; ++i) {
@@ -77,10 +77,8 @@ static void absorb(const struct ballbot_kalman_record *record, struct ballbot_ka
         memory->rest[i] = 0.0f;
     }
     seen->kept = 1.0f;
-    const int32_t pivots = (ballbot_magnitude(memory->pivoting) > record->pivoting_limit) ? 1 : 0;
     for (int32_t number = 0; number < NUMBERS; ++number) {
-        const int32_t counts = (number != PIVOTING_SEEN) || (pivots == 0);
-        if (counts && ballbot_is_known(seen->residual[number]) && (seen->variance[number] > 0.0f)) {
+        if (ballbot_is_known(seen->residual[number]) && (seen->variance[number] > 0.0f)) {
             take_in(memory->P, seen, number);
         }
     }
@@ -174,12 +172,14 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
     for (int32_t k = 0; k < FIX; ++k) {
         seen.variance[k] = record->variances[k];
     }
+    /* the more the ball lately turned on the spot by the wheels, the less they correct the heading */
+    seen.variance[PIVOTING_SEEN] += record->pivoting_variance * memory->pivoting * memory->pivoting;
     fix_of(memory, reading, fix, &seen.variance[FIX]);
     expected(record, memory->x, gyro, velocity, reading, wheels, attitude, fix, seen.residual, seen.h);
     for (int32_t k = 0; (memory->started != RUNNING) && (k < FIX); ++k) {
         seen.residual[k] = ballbot_not_a_number(); /* the start is made of the first reading; only a fix corrects it */
     }
-    absorb(record, memory, &seen);
+    absorb(memory, &seen);
     if (ballbot_is_known(seen.residual[PIVOTING_SEEN])) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
     }

@@ -21,7 +21,7 @@ enum { WHEELS = 0, ATTITUDE = 3, FIX = 6, NUMBERS = 9 };
 /* Entries of F besides the unit matrix, and those of H that vary. */
 enum { F_ENTRIES = 34, H_ENTRIES = 13 };
 
-/* Omega_z, which does not count while the ball pivots. */
+/* Omega_z, which counts the less the more the ball pivots. */
 enum { PIVOTING_SEEN = 2 };
 
 /* Pairs of states that are known from the start only together. */
