@@ -77,8 +77,9 @@ def test_torque_limit_of_motors_on_a_duty_leaves_what_a_catch_at_speed_needs():
     top = robot.drive.torque_limit / robot.drive.top_speed  # of such a motor nothing is left at top speed
     by_duty = replace(FRICTION, viscous=(top,) * 3)
     robot = alten(by_duty)
-    # the lean of 0.14 rad needs 1.35 N m, friction takes 0.18; at 1 m/s, 11.1 rad/s of a wheel, 2.4 are lost
-    assert catching_torque_limit(robot, by_duty) == pytest.approx(1.35 + 0.18 + 2.4, rel=0.02)
+    # the lean of 0.14 rad needs 1.35 N m, 7 % more once they act, of motors that may give 85 %; friction takes 0.18; at
+    # 1 m/s, 11.1 rad/s of a wheel, 2.4 are lost
+    assert catching_torque_limit(robot, by_duty) == pytest.approx(1.07 * 1.35 / 0.85 + 0.18 + 2.4, rel=0.01)
     assert catching_torque_limit(robot, by_duty) > 1.7 * grip_torque_limit(robot)
 
 

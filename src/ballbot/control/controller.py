@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Literal, get_args
 
@@ -49,6 +50,9 @@ GRIP_FRACTION = 0.4
 _CAUGHT_LEAN = 0.14
 #: speed over the floor at which it is caught [m/s], also over that of the motors without load
 _CATCH_SPEED, _CATCH_MOTOR_SPEED = 1.0, 0.4
+#: least torque of motors over that commanded (weak magnets, warm windings, losses of gears), and for how long the robot
+#: falls on until it acts [s]: a sample or two of transport and AHRS, and the drivers' lag
+_LEAST_TORQUE, _LATE = 0.85, 0.0125
 
 
 def grip_torque_limit(robot: Robot) -> float:
@@ -61,8 +65,8 @@ def catching_torque_limit(robot: Robot, certain: Friction) -> float:
     """Return `grip_torque_limit` with the `certain` friction, or what it takes to catch a fall if that is more [N m].
 
     A drive may take all of the break-away torque, also what is not certain of it, and of a motor on a voltage or a duty
-    the back-EMF, which is viscous friction. Where this leaves less than a lean of `_CAUGHT_LEAN` needs, a robot that
-    spares its grip falls.
+    the back-EMF, which is viscous friction. Where this, and what weak motors give, leaves less than a lean of
+    `_CAUGHT_LEAN` needs once the torque acts, a robot that spares its grip falls.
     """
     model = frictionless_model(robot)
     linear = model.linearize()
@@ -72,7 +76,9 @@ def catching_torque_limit(robot: Robot, certain: Friction) -> float:
     speed = min(_CATCH_SPEED * rolling, _CATCH_MOTOR_SPEED * robot.drive.top_speed)
     lost = max(robot.friction.breakaway) + max(certain.viscous) * speed
     spared = grip_torque_limit(robot.replace(friction=certain))
-    return max(spared, min(robot.drive.torque_limit, float(_CAUGHT_LEAN * needed + lost)))
+    # friction is identified by the torques commanded, so what motors lack is in it
+    lean = _CAUGHT_LEAN * math.exp(_LATE * float(np.linalg.eigvals(linear.A).real.max()))
+    return max(spared, min(robot.drive.torque_limit, float(lean * needed / _LEAST_TORQUE + lost)))
 
 
 def torque_limit_words(controller: Controller) -> str:
