@@ -59,6 +59,11 @@ MAX_SLOPE = 0.1
 MAX_DELAY = 1000
 #: samples over which counts may be differenced
 _LONGEST_WINDOW = 10_000
+#: compliance of MuJoCo's contacts over the square of their time constant [1/kg], and their tangential force over creep
+#: speed, times it [kg]: of the BBR by the masses of ball and roller, measured on its twin
+_GIVE, _CREEP = 0.0855, 280.0
+#: over that time constant, damping by stiffness of a contact that is critically damped
+_DAMPED = 2.0
 
 
 @parameter_class
@@ -172,6 +177,17 @@ class RollerContacts:
     grip: float  #: friction coefficient of the rollers on the ball
     creep: float  #: tangential force over the speed with which a roller that grips creeps [N s/m]
     relaxation: float = 0.0  #: time constant of a contact's spring and damper [s]
+
+    @staticmethod
+    def of_rubber(rollers: Rollers, *, grip: float = 1.0, contact_time: float = 0.004) -> "RollerContacts":
+        """Return the twin's contacts of rubber, by their time constant [s]."""
+        return RollerContacts(
+            rollers=rollers,
+            give=_GIVE * contact_time**2,
+            grip=grip,
+            creep=_CREEP / contact_time,
+            relaxation=_DAMPED * contact_time,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -30,11 +30,6 @@ _BEYOND = {
     "softness": "the ball's softness",
     "compliance": "the drivelines' resonance",
 }
-#: compliance of MuJoCo's contacts over the square of their time constant [1/kg], and their tangential force over creep
-#: speed, times it [kg]: of the BBR by the masses of ball and roller, measured on its twin
-_GIVE, _CREEP = 0.0855, 280.0
-#: over that time constant, damping by stiffness of a contact that is critically damped
-_DAMPED = 2.0
 
 
 def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
@@ -65,13 +60,11 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     normal = floor_normal(scenario)
     timing, loop = scenario.timing, scenario.current_loop
     soft = scenario.softness
-    contacts = RollerContacts(
-        rollers=scenario.rollers,
-        give=1.0 / soft.stiffness if soft else _GIVE * scenario.contact_time**2,
-        grip=scenario.roller_grip,
-        creep=_CREEP / scenario.contact_time,
-        relaxation=soft.damping / soft.stiffness if soft else _DAMPED * scenario.contact_time,
+    contacts = RollerContacts.of_rubber(
+        scenario.rollers, grip=scenario.roller_grip, contact_time=scenario.contact_time
     )
+    if soft:
+        contacts = replace(contacts, give=1.0 / soft.stiffness, relaxation=soft.damping / soft.stiffness)
     return Imperfections(
         sensors=scenario.sensors,
         speed_window=scenario.speed_window,

@@ -5,8 +5,9 @@ period depends on the smallest differences. A single run therefore says little. 
 of each model with the log's reference and controller, and compares three numbers of each state that do not depend on
 the phase: the RMS of its deviation from the reference, and the amplitude and the period of its swings.
 
-The runs differ by the noise of a measured state, of covariance S: it shifts the initial state, is added to the states,
-and, fed back by the controller, acts as torques of covariance K S K^T.
+The runs have the robot's play, rollers and sensors, and the estimator that the controller is made for: encoders on the
+motors see the play. They differ by the sensors' noise, by that of the initial state, by where the motors are within the
+play and by which roller touches first. Friction fitted without rollers contains their losses, which count twice here.
 
 If the log is one more run of the model, each of its numbers falls into each of the 200 gaps between and beyond those of
 199 runs with the same probability: between the 5th and the 195th with 190 / 200, 95 %, whatever the distribution.
@@ -18,8 +19,9 @@ import numpy as np
 
 from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
+from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.imperfections import Imperfections, RollerContacts
 from ballbot.validation.models import (
     RUNS,
     Case,
@@ -124,26 +126,19 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
     states, references = (
         columns[part.start : part.start + samples + 1] for columns in (log.states, log.reference)
     )
-    measured = states[every::every]
-    noise = case.drawn_noise(RUNS, records + 1)
-    gain = controller.gain
-    imperfections = Imperfections(
-        delay=delay,
-        torque_noise=float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", gain, case.noise, gain)))),
-        seed=case.seed,
-    )
+    measured, noise = states[every::every], case.drawn_noise(RUNS)
     runs, fell = [], []
     for model in models.both:
         batch = simulate_batch(
             replace(model, step=max(model.step, _STEP)),
             controller,
             lambda t: references[min(round(t / controller.sample_time), samples)],
-            duration=samples * controller.sample_time,
-            initial_states=states[0] + noise[:, 0],
-            imperfections=imperfections,
+            duration=(samples + 1) * controller.sample_time,
+            initial_states=states[0] + noise,
+            imperfections=_of_robot(model.robot, controller.sample_time, delay=delay, seed=case.seed),
             every=every,
         )
-        runs.append(batch.next_states + noise[:, 1:])
+        runs.append(batch.seen[:, 1:])
         fell.append(~batch.survived)
     deviations = np.concatenate([measured[None], *runs]) - references[every::every]
     numbers = np.array([_numbers(deviation, every * log.sample_time) for deviation in deviations])
@@ -156,6 +151,17 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
         runs=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
         fell=(int(fell[0].sum()), int(fell[1].sum())),
         example=Trajectories.beside(log, part.start, np.array([run[0, :shown] for run in runs]), every=every),
+    )
+
+
+def _of_robot(robot: Robot, sample_time: float, *, delay: int, seed: int) -> Imperfections:
+    """Return what a robot file says of play, rollers and sensors; motors without inertia follow their wheels."""
+    return Imperfections(
+        sensors=replace(robot.sensors, sample_time=sample_time),
+        delay=delay,
+        backlash=robot.drive.backlash if robot.drive.reflected_inertia > 0.0 else 0.0,
+        contacts=RollerContacts.of_rubber(robot.wheels.rollers),
+        seed=seed,
     )
 
 
