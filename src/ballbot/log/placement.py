@@ -60,6 +60,7 @@ from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
+    SCALED,
     TINY,
     advantage_confidence,
     behind,
@@ -101,6 +102,9 @@ UNKNOWN_HEADING = 0.3
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: weight for each second of the logarithm of the ratio of two misfits (`behind`)
 EACH_SECOND = 0.6
+#: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
+#: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
+SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
 
@@ -147,6 +151,11 @@ class HeadingTest:
     correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
+
+    @property
+    def turning(self) -> float | None:
+        """The gain; None if the wheels do not plainly follow the heading."""
+        return self.gain if abs(self.correlation) > SCALED and self.confidence >= CONFIDENT else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -464,6 +473,8 @@ def _ranked_placements(
     prior = [usual.get(order, rare) * of_signs[len(set(signs)) == 1] for order, signs in every]
     probability = posterior(prior, behind(z, gained, seconds, each_second=EACH_SECOND))
     ranked = sorted(probability, key=lambda h: (-probability[h], score[h]))
+    likely, first = [h for h in ranked if probability[h] > TINY_PROBABILITY], every[ranked[0]]
+    shown = sum(probability[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     placements = [
         Placement(
@@ -477,7 +488,20 @@ def _ranked_placements(
         )
         for h in ranked
     ]
-    return placements, min(probability[ranked[0]], MOST) * min(max(explained, 0.0), 1.0)
+    return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
+
+
+def _same_wheels(angles: Floats, first: _Arrangement, second: _Arrangement) -> bool:
+    """Return whether two placements give the robot's wheels the same angles, up to a turn of the robot and all signs.
+
+    With four wheels and a heading that stands still, opposite wheels have opposite angles.
+    """
+    n = angles.shape[1]
+    moved = angles - angles.mean(axis=0)
+    mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (first, second))
+    allowed = SAME_WHEELS * np.maximum(mine.std(axis=0), 1e-9)
+    turned = [sign * np.roll(others, turn, axis=1) for turn in range(n) for sign in (1.0, -1.0)]
+    return any(bool(np.all(np.std(mine - angles, axis=0) < allowed)) for angles in turned)
 
 
 def _scores(

@@ -43,7 +43,7 @@ wheels on all commands would be collinear, and a wheel's sign would be decided b
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice, permutations, product
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -327,6 +327,8 @@ def together(gains: Sequence[Gains]) -> Gains:
 
 # --- which command drives which wheel ---
 
+#: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
+SAME_TORQUES = 0.1
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
@@ -364,8 +366,9 @@ _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Com
 def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     """Return the likeliest order and signs of the commands: by what the motion leaves of them, and by what is usual.
 
-    That which fits best is likelier than what is less usual; what is more usual does not make up for a worse fit.
-    `counted` are the signs with which the encoders count, of the robot's wheels in turn.
+    That which fits best is likelier than what is less usual; what is more usual does not make up for a worse fit. Those
+    that make nearly the same torques, as opposite wheels of four do while the heading stands still, are one, and the
+    most usual of them is taken. `counted` are the signs with which the encoders count, of the robot's wheels in turn.
     """
     left = _unexplained_shares(driving)
     every, totals = list(left), np.array(list(left.values())).sum(axis=2)
@@ -377,7 +380,12 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     usual, least = [_usual(order, counted) for order in every], int(np.argmin(score))
     odds = behind(z, gained, len(without), each_second=EACH_SECOND)
     probability = posterior([min(probability_of_order, usual[least]) for probability_of_order in usual], odds)
-    best, other = islice(probability, 2)
+    torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
+    likeliest = next(iter(torques.values()))
+    size = SAME_TORQUES * float(np.std(likeliest))
+    alike = [h for h, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
+    best = max(alike, key=lambda h: usual[h])
+    other = next((h for h in probability if h not in alike), best)
     explained = 1.0 - float(totals[best, :2].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (ALL_EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
@@ -387,7 +395,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         explained=explained,
         advantage=float(z[other] - z[best]),
         next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
-        confidence=min(probability[best], MOST) * enough,
+        confidence=min(sum(probability[h] for h in alike), MOST) * enough,
     )
 
 

@@ -5,7 +5,8 @@ as much as that: a ratio that is the factor of a unit is one (`unit_of_ratio`), 
 proposes the factor, and never changes data.
 
 Without a name, every choice of units of a foreign log has a weight: the encoder's step, the size of the lean, and the
-response of the lean to the wheels, which must be the robot's (`placement`).
+response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels with the
+heading, which must be that of a ball that does not pivot.
 """
 
 import math
@@ -29,8 +30,9 @@ LEAN_IN_RADIANS, LEAN_IN_DEGREES = 0.35, 0.15
 STEP_AGREEMENT = 0.02
 #: no wheel turns faster than this many times the drive's own limit
 BEYOND_LIMIT = 1.5
-#: the robot file's radii, masses and heights give the lean's response to this [log]
-GAIN_DEVIATION = 0.25
+#: the robot file's radii, masses and heights give the lean's response to this [log]; a ball that pivots turns the
+#: wheels less than the heading implies, so that the second counts for little
+GAIN_DEVIATION, TURNING_DEVIATION, PIVOTS = 0.25, 0.1, 0.15
 #: log weights: of steps of one count, and whole numbers that are counts
 ONE_COUNT, WHOLE = 5.0, 8.0
 #: [s] over which the changes of two signals are compared: a lean's noise (a few milliradians) and a gyro's drift are
@@ -158,19 +160,36 @@ def lean_units(lean: Floats, named: str | None) -> list[Unit]:
 
 
 def likeliest_units(
-    leans: Sequence[Unit], wheels: Sequence[Unit], assumed: Units | None = None, *, gain: float | None = None
+    leans: Sequence[Unit],
+    wheels: Sequence[Unit],
+    assumed: Units | None = None,
+    *,
+    gain: float | None = None,
+    turning: float | None = None,
+    heading_named: bool = False,
 ) -> dict[Units, float]:
     """Return the probability of each choice of units of lean and wheels, the likeliest first.
 
-    `gain` is the response of the lean to the wheels over the robot's, as the motion shows it with the units `assumed`.
+    `gain` is the response of the lean to the wheels over the robot's, and `turning` that of the wheels to the heading
+    over that of a ball that does not pivot, as the motion shows them with the units `assumed`. A heading without a unit
+    of its own has the lean's.
     """
     weights = {}
     for lean, wheel in product(leans, wheels):
         weight = lean.weight + wheel.weight
-        if gain is not None and assumed is not None:
-            leaned, turned = lean.factor / assumed[0].factor, wheel.factor / assumed[1].factor
+        old_lean, old_wheel = assumed or (lean, wheel)
+        leaned, turned = lean.factor / old_lean.factor, wheel.factor / old_wheel.factor
+        if gain is not None:
             # noise of the wheels, and rolling on play, make the gain too small
             off = math.log(max(gain, 1e-12) * leaned / turned) + 0.1
-            weight += math.log(math.exp(-0.5 * (off / GAIN_DEVIATION) ** 2) + 1e-3)
+            weight += math.log(_normal(off, GAIN_DEVIATION) + 1e-3)
+        if turning is not None:
+            off = math.log(max(turning, 1e-12) * turned / (1.0 if heading_named else leaned))
+            likely = (1.0 - PIVOTS) * _normal(off, TURNING_DEVIATION) + PIVOTS * _normal(off, 0.7)
+            weight += math.log(likely + 1e-3)
         weights[lean, wheel] = weight
     return probabilities(weights)
+
+
+def _normal(value: float, deviation: float) -> float:
+    return math.exp(-0.5 * min((value / deviation) ** 2, 1400.0))

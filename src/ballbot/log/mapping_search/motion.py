@@ -199,13 +199,16 @@ def motion_of_file(base: Columned) -> SensedMotion:
     if roles.attitude and not roles.quaternion:
         leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
     likely, motion = likeliest_units(leans, wheels), None
+    named_yaw = roles.unit(roles.attitude[2:]) is not None
     for _ in range(4):
         units = next(iter(likely))
         if motion is not None and motion.units == units:
             break
         motion = _with_units(base, raw, wrap, units)
-        gain = motion.tested.gain if motion.tested else None
-        likely = likeliest_units(leans, wheels, units, gain=gain)
+        tested = motion.tested
+        gain = tested.gain if tested else None
+        turning = tested.heading.turning if tested and tested.heading else None
+        likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
     assert motion is not None
     return replace(motion, likely=likely)
 
