@@ -31,7 +31,7 @@ TESTS = (
     "tests/log/test_message_formats.py",  # mcap, rosbags
     "tests/control/test_lqr.py",  # scipy, control
     "tests/vision/test_parts.py",  # opencv
-    "tests/link/test_frames.py",  # cobs, fastcrc
+    "tests/link/test_codec.py",  # cobs, fastcrc
     "tests/link/test_stream.py",  # foxglove-sdk
     "tests/fitting/test_run.py",  # processes
     "tests/viewer/test_server.py",  # websockets

@@ -40,9 +40,7 @@ def free_port() -> int:
 @contextmanager
 def foxglove_client(port: int):
     """Hold a connection that has subscribed to every channel, and the channels by their subscription's number."""
-    with connect(
-        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=4
-    ) as client:
+    with connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
         channels: dict[str, dict[str, Any]] = {}
         while len(channels) < 4:
             message = json.loads(client.recv(PATIENCE))

@@ -48,7 +48,7 @@ def test_dropouts_are_found_and_sound_counts_have_none(seed, value):
     lost = np.zeros(len(read), dtype=bool)
     lost[random.integers(0, 9) :: int(random.integers(2, 200))] = True
     cleared = np.where(dropouts(np.where(lost, value, read)), np.nan, np.where(lost, value, read))
-    # what is left of the value is no further from the truth than the wheel moves in three rows
+    # a failed reading stays where the wheel passes that value anyway: it is then within three rows' motion of the truth
     assert np.nanmax(np.abs(cleared - read)) <= 3.0 * np.abs(np.diff(read)).max()
 
 

@@ -80,8 +80,9 @@ def _judged_axis(path: Path, by: AxisColumns | LogMapping, truth: dict[str, Floa
         )
         stop_on_errors(record_findings(read))
     except InputError as error:
-        named = "--accept unit" in str(error) or "in a --mapping" in str(error)
-        return "refused" if named or "--columns" in str(error) else "wrong"
+        headless = isinstance(by, AxisColumns) and by.columns is None and "--columns" in str(error)
+        named = headless or "--accept unit" in str(error) or "in a --mapping" in str(error)
+        return "refused" if named else "wrong"
     sizes = [
         (np.std(position), np.std(force))
         for position, force in ((read.position, read.force), (truth["position"], truth["force"]))

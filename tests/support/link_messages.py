@@ -46,10 +46,9 @@ def faulty_streams(draw) -> bytes:
         elif fault == "repeat":
             frame += bytes(frame)
         elif fault == "resealed":  # one byte changed under a CRC-32 that fits: the layers after it
-            payload = bytearray(cobs.decode(bytes(frame[:-1]))[:-4])
-            payload[place % len(payload)] = draw(st.integers(0, 255))
-            frame = bytearray(
-                cobs.encode(bytes(payload) + crc32.iso_hdlc(payload).to_bytes(4, "little")) + b"\0"
-            )
+            changed = bytearray(cobs.decode(bytes(frame[:-1]))[:-4])
+            changed[place % len(changed)] = draw(st.integers(0, 255))
+            payload = bytes(changed)
+            frame = bytearray(cobs.encode(payload + crc32.iso_hdlc(payload).to_bytes(4, "little")) + b"\0")
         stream += bytes(frame)
     return stream

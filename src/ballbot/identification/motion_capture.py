@@ -16,7 +16,7 @@ from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding, error
 from ballbot.identification.turning import ANGLE_NAMES, MotionFit, log_rotations, longest_bridge
 from ballbot.log import Log
-from ballbot.log.evidence import RELATED
+from ballbot.log.evidence import RELATED, TINY
 from ballbot.log.pose import Poses
 from ballbot.log.units import unit_of_ratio
 
@@ -32,7 +32,7 @@ _OPPOSITE = math.radians(135.0)
 
 #: share of the displacement that a linear map of the log's explains and a rotation does not: a mirror's, unless the
 #: path is nearly straight; wheels whose radii or angles are off by a tenth make it a hundredth
-_NO_ROTATION, _TINY = 0.1, 1e-300
+_NO_ROTATION = 0.1
 #: of fewer displacements a linear map explains much by chance
 _INDEPENDENT = 3.0
 
@@ -106,7 +106,7 @@ def _compared(path: Floats, seen: Floats, count: float) -> list[Finding]:
     linear = path @ np.linalg.lstsq(path, seen, rcond=None)[0]
     along = complex(np.vdot(own, cameras))
     sizes = (float(np.sum(values**2)) for values in (path, seen, linear))
-    of_log, of_cameras, explained = (max(size, _TINY) for size in sizes)
+    of_log, of_cameras, explained = (max(size, TINY) for size in sizes)
     alike = abs(along) ** 2 / (of_log * of_cameras)
     if explained < RELATED**2 * of_cameras:
         return []

@@ -26,8 +26,8 @@ CONFIDENT = 0.9
 ERRORS_WEIGHT = 0.6
 #: log ratio of the residuals of two explanations above which it counts
 LEAST_RATIO = 0.2
-#: least correlation of two columns of which one is said to be, or to follow, the other: it then explains half of the
-#: variance, more than anything that is independent of it can
+#: from this correlation on, one column counts as a copy of another, or as following it: it then explains half of the
+#: other's variance, more than anything independent of it can
 RELATED = math.sqrt(0.5)
 #: least correlation of two columns whose ratio is a scale: noise of one makes a slope too small by the square of the
 #: correlation, a fifth at most

@@ -76,10 +76,10 @@ def spikes(values: Floats) -> Bools:
 
 def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
     """Return which rows of a log (N,) have a spike in one of these columns."""
-    return np.any([_spikes_of(log, name) for name in names], axis=0)
+    return np.any([_spikes_of(log, name, None) for name in names], axis=0)
 
 
-def _spikes_of(log: Log, name: str, _: object = None) -> Bools:
+def _spikes_of(log: Log, name: str, _: object) -> Bools:
     """Return which rows of a column (N,) are spikes; a torque or a speed by counts may rightly be 0 again and again."""
     may_be_zero = name in _TORQUES or name.endswith("_dot")
     return spikes(log[name]) if may_be_zero else spikes(log[name]) | dropouts(log[name])

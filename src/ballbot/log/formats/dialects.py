@@ -54,7 +54,9 @@ def without_labels(lines: list[str]) -> tuple[list[str], tuple[str, ...]]:
 
 
 def read_long_table(path: str | Path) -> Columns | None:
-    """Return the times of the topic with most values and every topic's latest value; None if the text is none.
+    """Return each topic of a long table as a column, at the times of the topic with the most values.
+
+    The others have their latest value there. None if the text is not a long table.
 
     InputError if a topic has two values at one time.
     """

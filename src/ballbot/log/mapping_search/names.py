@@ -228,7 +228,7 @@ def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
 def unit_in_name(name: str) -> str | None:
     """Return the unit that a column's name has, or is, as `UNITS` has it or brackets at its end; None if it has none.
 
-    A single letter at its end is none: position_m may be the motor's.
+    A single letter at the end does not count as a unit: position_m may be the motor's.
 
     >>> [unit_in_name(name) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
     ['rpm', 'rpm', 'deg', 'kN', None, None]
