@@ -31,7 +31,7 @@ def test_terms_survive_the_robot_file_and_absent_terms_are_not_written(tmp_path)
     assert Robot.load(tmp_path / "robot.toml").friction == FULL
     text = robot_text(alten(FRICTION))
     assert "asymmetry" not in text
-    assert "load" not in text.split("[friction]")[1]
+    assert "\nload" not in text.split("[friction]")[1]
 
 
 def test_every_term_but_the_shape_of_the_stribeck_curve_is_scaled():

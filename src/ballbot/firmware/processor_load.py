@@ -39,8 +39,9 @@ _NEEDED = ("ziglang", "unicorn")
 _MISSING, _FIXES = 0.02, 0.035
 #: samples of a phase of the reference
 _PHASE = 20
-#: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, far, turned
-_OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
+#: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, beyond what
+#: the torques of any law can do, turned
+_OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (10.0, 5.0, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
 #: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
 _SLOW = 0.001
 #: the row of a plan in the last of these phases: lean [rad], speed [m/s], and the change of its rate [rad/s]
