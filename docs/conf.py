@@ -10,7 +10,7 @@ sys.path[:0] = [str(EXTENSIONS), str(SOURCE)]
 
 import ballbot  # noqa: E402
 
-project, author = "Ballbot", "the authors of Ballbot"
+project, author = "Ballbot", "The Ballbot developers"
 version = release = ballbot.__version__
 extensions = [
     "myst_nb",
