@@ -30,7 +30,7 @@ site: .venv/.docs  ## the documentation, its commands run, into build/site; warn
 	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet docs build/site
 	@echo "build/site/index.html"
 
-wheel: .venv/bin/python  ## the wheel, installed alone into an empty environment, and commands tried there
+wheel: .venv/bin/python  ## wheel and source archive checked by twine, the wheel installed alone into an empty environment, and commands tried there
 	$(BIN)/python -m tests.release wheel
 
 lowest: .venv/bin/python  ## commands and some tests with the lowest versions of what Ballbot depends on

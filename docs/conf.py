@@ -10,17 +10,19 @@ sys.path[:0] = [str(EXTENSIONS), str(SOURCE)]
 
 import ballbot  # noqa: E402
 
-project, author = "Ballbot", "the authors of Ballbot"
+project, author = "Ballbot", "The Ballbot developers"
 version = release = ballbot.__version__
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
+    "sphinx.ext.githubpages",  # whose host would leave out folders that begin with a line below
     "sphinx.ext.napoleon",
     "api_lists",
     "dataclass_fields",
     "executed_commands",
     "executed_pages",
     "mathml",
+    "site_links",
 ]
 exclude_patterns = ["extensions"]
 
@@ -58,5 +60,6 @@ html_title = f"Ballbot {version}"
 html_copy_source = False
 html_show_sphinx = html_show_copyright = False
 html_static_path = ["_static"]
-html_css_files = ["site.css"]
+html_css_files, html_js_files = ["site.css"], [("site.js", {"defer": "defer"})]
+html_favicon = "_static/icon.svg"
 html_theme_options = {"footer_icons": []}

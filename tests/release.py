@@ -1,6 +1,7 @@
 """`python -m tests.release wheel` and `lowest`: Ballbot installed into empty environments, and tried.
 
-`wheel` builds the wheel, installs it alone, and runs commands that need every kind of file in it. `lowest` installs
+`wheel` builds the source archive and from it the wheel, has twine check both, installs the wheel alone, and runs
+commands that need every kind of file in it. `lowest` installs
 Ballbot with the lowest versions that pyproject.toml allows of what it depends on (chosen by uv), and runs the same
 commands and a selection of fast tests, which use each package. Both need a package index.
 """
@@ -48,11 +49,8 @@ def main() -> None:
 
 
 def try_wheel(folder: Path) -> None:
-    """Build the wheel, install it and what it needs into an empty environment, and try the commands."""
-    # by an environment without Ballbot's dependencies, as a user's is: the build must bring its own
-    builder = _environment(folder / "builder")
-    _run(builder, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT)
-    (wheel,) = folder.glob("ballbot-*.whl")
+    """Build and check what is published, install the wheel and what it needs alone, and try the commands."""
+    wheel = _checked_wheel(folder)
     python = _environment(folder / "environment")
     _run(python, "-m", "pip", "install", "--quiet", wheel)
     # a first simulation with an empty cache
@@ -62,6 +60,17 @@ def try_wheel(folder: Path) -> None:
     print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with compilation", flush=True)
     assert any(kept.rglob("*.nbc")), "no compiled code was kept for the next start"
     try_commands(python, folder)
+
+
+def _checked_wheel(folder: Path) -> Path:
+    """Build the source archive, and from it alone the wheel; stop if twine has anything against either."""
+    # by an environment without Ballbot's dependencies, as a user's is: the build must bring its own
+    builder = _environment(folder / "builder")
+    _run(builder, "-m", "pip", "install", "--quiet", "build", "twine")
+    _run(builder, "-m", "build", "--outdir", folder, ROOT)
+    (wheel,), (archive,) = folder.glob("ballbot-*.whl"), folder.glob("ballbot-*.tar.gz")
+    print(_run(builder, "-m", "twine", "check", "--strict", wheel, archive), end="", flush=True)
+    return wheel
 
 
 def try_lowest(folder: Path) -> None:

@@ -37,7 +37,9 @@ SOURCES = [
     for folder in ("src", "tests", "campaigns", "benchmarks", "examples")
     for path in (ROOT / folder).rglob("*.py")
 ]
-DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+#: but the change log, which names what earlier versions had
+DOCUMENTS = [*sorted(set(ROOT.glob("*.md")) - {ROOT / "CHANGELOG.md"}), *PAGES]
 
 
 def anchors(document: Path) -> set[str]:
@@ -62,8 +64,24 @@ def test_every_page_is_once_in_the_contents_of_the_site():
         r"```\{toctree\}\n(.*?)```", (ROOT / "docs/index.md").read_text(encoding="utf-8"), re.DOTALL
     )
     listed = [line for block in blocks for line in block.splitlines() if line and not line.startswith(":")]
-    pages = [path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in DOCUMENTS[1:]]
+    pages = [path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in PAGES]
     assert sorted(listed) == sorted(page for page in pages if page != "index")
+
+
+def test_links_of_the_site_that_lead_nowhere_are_found(tmp_path, monkeypatch):
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
+    lost_links = importlib.import_module("site_links").lost_links
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "run.html").write_text(
+        '<a href="../index.html#top">good</a><a href="https://x.org/">good</a>'
+    )
+    (tmp_path / "index.html").write_text(
+        '<h1 id="top"></h1><iframe src="made/run.html"></iframe><a href="made/run.html#end">no such place</a>'
+        '<a href="/made/run.html">not within a folder</a><img src="lost.png">'
+    )
+    lost = ["/made/run.html", "lost.png", "made/run.html#end"]
+    assert lost_links(tmp_path) == [f"index.html: {link}" for link in lost]
 
 
 def commands_of(document: Path) -> list[list[str]]:

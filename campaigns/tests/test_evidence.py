@@ -1,8 +1,8 @@
-"""The pages that campaigns write: evidence with a section of each campaign, the keys and codes of the code."""
+"""The pages that campaigns write: evidence by campaign, keys and codes of the code, licences of what is imported."""
 
 import re
 
-from campaigns import evidence, reference
+from campaigns import evidence, licences, reference
 from campaigns.evidence import CAMPAIGNS, written_sections
 
 
@@ -31,3 +31,12 @@ def test_stale_sections_are_marked_once_and_the_mark_goes(tmp_path, monkeypatch,
 def test_the_committed_page_has_the_keys_and_codes_of_the_code():
     committed = reference.PAGE.read_text(encoding="utf-8")
     assert committed == reference.page(), "make it anew: python -m campaigns.reference"
+
+
+def test_the_committed_page_has_every_package_that_is_imported_and_its_option():
+    _, *stated = re.findall(
+        r"^\| (\S+) \| (\S+) \| \S+ \| .+ \|$", licences.PAGE.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    wanted = [(one.name, one.option) for one in licences.imported()]
+    assert stated == wanted, "make it anew: python -m campaigns.licences"
+    assert {"casadi", "unicorn"} <= {one.name for one in licences.imported() if one.apart}
