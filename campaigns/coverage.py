@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import cast
 
 import numpy as np
 from scipy.stats import binom
@@ -184,7 +185,7 @@ class ByFile:
     estimates: Mapping[str, float]
     intervals: Mapping[str, Interval]
     farthest: tuple[str, float]  #: the value farthest from the log's own estimate, and by how many deviations
-    errors: tuple[str, ...]  #: values that the log refutes
+    named: tuple[str, ...]  #: values that the log refutes, and what the checks warn of in the robot file
 
 
 def rollers_log(seed: int) -> Log:
@@ -215,7 +216,7 @@ def by_file(piece: tuple[int, str]) -> ByFile:
         key, factor = WRONG_FILES[name], 1.05 if "radius" in name else 1.0 / 1.4
         torque, clock = 1.25 if "torque" in name else 1.0, 1.05 if "clock" in name else 1.0
         log = wrong_by(log, torque=torque, clock=clock)
-        known = ROBOT.replace({key: factor * value_of(ROBOT, BY_NAME[key])}) if key else ROBOT
+        known = ROBOT.replace({key: factor * cast("float", value_of(ROBOT, BY_NAME[key]))}) if key else ROBOT
     elif name != "right":
         number = DRAWN * seed + int(name)
         sizes = np.array([DEVIATIONS[name] for name in ("drive.torque_constant", "sensors.sample_time")])
@@ -228,7 +229,10 @@ def by_file(piece: tuple[int, str]) -> ByFile:
         estimates=dict(zip(found.labels, found.values.tolist(), strict=True)),
         intervals=dict(found.intervals),
         farthest=(farthest.label, farthest.apart),
-        errors=tuple(value.label for value in found.file_values if abs(value.apart) > WRONG),
+        named=(
+            *(value.label for value in found.file_values if abs(value.apart) > WRONG),
+            *(one.code for one in found.log_findings if one.code.startswith("robot-")),
+        ),
     )
 
 
@@ -254,8 +258,9 @@ def file_values() -> Section:
         title="Robot files that are wrong",
         before=f"{FILE_LOGS} logs of {FILE_LOG:g} s in the compiled loop with the nominal scenario's rollers, play and "
         f"pivoting ball, each identified by the right file, by {DRAWN} that are drawn from its deviations, with "
-        f"torques and times scaled by theirs, and {FEW} of them by files that are wrong by more. A value is an error "
-        "that is named if it is more than four deviations from the log's own estimate. Estimates of the right file "
+        f"torques and times scaled by theirs, and {FEW} of them by files that are wrong by more. A value is "
+        "named if it is more than four deviations from the log's own estimate, or if a check of the log warns of it. "
+        "Estimates of the right file "
         "should lie within the 95 % intervals of the others.",
         columns=[
             "file",
@@ -291,7 +296,7 @@ def _file_row(
     return [
         name,
         str(len(pieces)),
-        share_words(sum(bool(done[piece].errors) for piece in pieces), len(pieces)),
+        share_words(sum(bool(done[piece].named) for piece in pieces), len(pieces)),
         *(f"{value:.1f}" for value in (np.median(apart), apart[-1])),
         share_words(sum(len(labels) for labels, _ in lacking), sum(count for _, count in lacking)),
         share_words(sum(bool(labels) for labels, _ in lacking), len(pieces)),
@@ -301,7 +306,7 @@ def _file_row(
 def _named_or_outside(name: str, done: Mapping[tuple[int, str], ByFile]) -> list[str]:
     words: list[str] = []
     for piece in (piece for piece in done if piece[1] == name):
-        lacking, errors = _outside(piece, done)[0], done[piece].errors
-        if errors or lacking:
-            words.append(f"log {piece[0]} {'named ' + every(errors) if errors else every(lacking)}")
+        lacking, named = _outside(piece, done)[0], done[piece].named
+        if named or lacking:
+            words.append(f"log {piece[0]} {'named ' + every(named) if named else every(lacking)}")
     return words

@@ -31,7 +31,7 @@ def test_friction_upside_down_of_a_twin_that_slips_and_plays_is_found():
 @pytest.mark.sample
 def test_a_file_that_is_wrong_by_its_deviations_is_not_refused():
     right, drawn = by_file((0, "right")), by_file((0, "1"))
-    assert drawn.errors == ()
+    assert drawn.named == ()
     outside = [
         not ends.lower <= right.estimates[name] <= ends.upper for name, ends in drawn.intervals.items()
     ]

@@ -179,8 +179,9 @@ def _own_estimate(
     prior, at = others[free], int(free[: p + index].sum())
 
     def fitted(weight: float) -> tuple[Floats, Floats]:
-        inverse = np.asarray(np.linalg.pinv(H + weight * np.diag(prior), rcond=1e-13, hermitian=True))
-        return -inverse @ g, weight * inverse.diagonal()
+        inverse = np.linalg.pinv(H + weight * np.diag(prior), rcond=1e-13, hermitian=True)
+        step = np.negative(inverse @ g, dtype=np.float64)
+        return step, np.multiply(weight, inverse.diagonal(), dtype=np.float64)
 
     def excess(weight: float) -> float:
         step, variances = fitted(weight)
