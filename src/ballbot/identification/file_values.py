@@ -103,7 +103,7 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> FileError
     clustered = max(estimate.discrepancy.factor**2 * clustered, 1.0)
     values = []
     for index, number in enumerate(numbers):
-        step, step_error, degrees = _own_estimate(joint, kept, index, clustered=clustered)
+        step, step_error, degrees = own_estimate(joint, kept, index, clustered=clustered)
         value = float(numbers_of(value_of(robot, BY_NAME[number.name]))[number.place])
         values.append(
             FileValue(
@@ -163,7 +163,7 @@ def _pair(experiment: Balancing, robot: Robot, number: Uncertain) -> tuple[Balan
     return ahead, behind, (high - low) or 1.0
 
 
-def _own_estimate(
+def own_estimate(
     joint: WindowEquations, kept: Bools, index: int, *, clustered: float
 ) -> tuple[float, float, float]:
     """Return the logs' own estimate of one value less the file's, its standard error, and that error's degrees.
