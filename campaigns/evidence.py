@@ -53,6 +53,7 @@ CAMPAIGNS = {
     "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",
+    "file_values": "campaigns.coverage:file_values",
     "between_logs": "campaigns.between_logs",
     "course_robot": "campaigns.course_robot",
     "effective": "campaigns.between_logs:effective",

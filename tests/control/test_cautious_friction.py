@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.control.overcompensation import cautious_friction
+from ballbot.control.overcompensation import cautious_friction, certain_friction
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.robot import Friction
+from ballbot.robot import Friction, Robot
+from ballbot.robot.components import Correlation
 from tests.support.control_examples import FRICTION
 
 SPEEDS = np.array([0.05, 0.3, 1.0, 4.0])
@@ -106,3 +107,22 @@ def test_an_unknown_error_costs_what_its_interval_allows():
     # a parameter at its lower bound is at its lowest already
     none = replace(FRICTION, stribeck=(0.05, 0.0, 0.06))
     assert cautious_friction(none, covariance).coulomb == FRICTION.coulomb
+
+
+def test_an_error_that_friction_shares_with_the_torque_constant_does_not_weaken_compensation():
+    """Whatever a commanded torque is worth, the logs show what was commanded against the friction."""
+    none = (0.0, 0.0, 0.0)
+    dry = replace(FRICTION, viscous=none, stribeck=none, rolling=0.0)
+    robot = Robot.load("alten").replace(friction=dry)
+    names = [f"friction.coulomb[{i}]" for i in range(3)]
+    k_t = robot.drive.torque_constant
+    shared = robot.annotated(
+        standard_deviations={
+            "friction.coulomb": tuple(0.05 * c for c in FRICTION.coulomb),
+            "drive.torque_constant": 0.05 * k_t,
+        },
+        correlation=Correlation.of_matrix([*names, "drive.torque_constant"], np.ones((4, 4))),
+    )
+    assert certain_friction(shared).coulomb == pytest.approx(FRICTION.coulomb, rel=1e-3)
+    apart = certain_friction(shared.annotated(correlation=Correlation()))
+    assert max(np.array(apart.coulomb) / FRICTION.coulomb) < 0.9

@@ -168,7 +168,7 @@ def test_the_integral_rests_within_its_dead_band_and_at_the_torque_limit_and_sta
 def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
     robot = alten(FRICTION)
     gain, errors = design_gain(robot).gain, []
-    for observer in (None, DisturbanceObserver()):
+    for observer in (None, DisturbanceObserver(limit=0.5)):
         controller = Controller(robot, gain, parts=Parts(disturbance_observer=observer))
         log = simulate(Model(robot), controller, square(), duration=16.0)
         late = log.t >= 14.0  # on the way to the second corner
@@ -184,7 +184,7 @@ def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
         (lambda: IntegralAction(gain=np.zeros((3, 2))), r"gain of the integral action has the shape"),
         (lambda: IntegralAction(gain=np.zeros((3, 3)), memory=0.0), "The integral action: memory is 0"),
         (lambda: IntegralAction(gain=np.zeros((3, 3)), dead_band=-1.0), "dead_band"),
-        (lambda: DisturbanceObserver(frequency=-1.0), "The disturbance observer: frequency is"),
+        (lambda: DisturbanceObserver(frequency=-1.0, limit=0.5), "The disturbance observer: frequency is"),
         (lambda: Parts(feed_forward=FeedForward()), "needs reference shaping"),
         (
             lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),

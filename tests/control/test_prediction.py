@@ -129,7 +129,7 @@ def test_observer_uses_the_torque_that_acted(delay):
     """Without friction nothing is lost, however late the torques are."""
     robot = alten()
     parts = Parts(
-        prediction=DelayPrediction(delay=delay * SAMPLE), disturbance_observer=DisturbanceObserver()
+        prediction=DelayPrediction(delay=delay * SAMPLE), disturbance_observer=DisturbanceObserver(limit=0.5)
     )
     controller = Controller(robot, design_gain(robot).gain, parts=parts)
     plant, waiting, back = ModelPlant(Model(robot)), [np.zeros(3)] * delay, 0.0

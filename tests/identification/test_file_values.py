@@ -7,8 +7,16 @@ import pytest
 
 from ballbot.findings import texts
 from ballbot.fitting.fit import fit
+from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification import Bounds, identify
-from ballbot.identification.file_values import FileValue, _pair, _stated, file_value_findings, from_file
+from ballbot.identification.file_values import (
+    FileValue,
+    _pair,
+    _stated,
+    file_value_findings,
+    from_file,
+    own_estimate,
+)
 from ballbot.identification.identify import IdentificationOptions, Prepared, prepare
 from ballbot.identification.quantities import scale_between
 from ballbot.robot import Robot
@@ -72,7 +80,8 @@ def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
     coordinates = prepared.experiment.coordinates
     at = coordinates.scaled(coordinates.nominal)
     estimate = fit(prepared.experiment, at, options=BRIEF)
-    added, (value,) = from_file(prepared.experiment, estimate)
+    by_file = from_file(prepared.experiment, estimate)
+    (value,) = by_file.values
     number = next(one for one in uncertain(_stated(known, ())) if one.name == name)
     ahead, _, distance = _pair(
         prepared.experiment, _stated(known, ()), replace(number, deviation=10.0 * number.deviation)
@@ -81,7 +90,7 @@ def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
     again = fit(ahead, at, options=BRIEF)
     errors = np.sqrt(estimate.scaled_covariance.diagonal())
     moved = (again.finished.point - estimate.finished.point) / errors
-    expected = np.sqrt(added.diagonal()) / errors
+    expected = np.sqrt(by_file.added.diagonal()) / errors
     # of friction that is known; by another value windows stick elsewhere
     kept = np.isfinite(moved)
     np.testing.assert_allclose(np.abs(moved[kept]), expected[kept], rtol=0.15, atol=0.7)
@@ -102,8 +111,28 @@ def test_a_right_file_is_not_refused_and_is_part_of_each_variance():
 
 
 def test_a_value_beyond_four_deviations_of_the_difference_is_an_error_that_names_it():
-    value = FileValue(label="body.mass", value=20.0, deviation=0.4, own=17.0, own_error=0.5)
-    assert value.apart == pytest.approx(-3.0 / np.hypot(0.4, 0.5))
+    value = FileValue(label="body.mass", value=20.0, deviation=0.4, own=17.0, own_error=0.5, degrees=1e6)
+    assert value.apart == pytest.approx(-3.0 / np.hypot(0.4, 0.5), rel=1e-4)
     (finding,) = file_value_findings([replace(value, own=19.0), value])
     assert (finding.code, finding.severity) == ("file-value", "error")
     assert finding.text.startswith("body.mass is 20.0 +- 0.40 in the robot file and 17.0 +- 0.50 by the logs")
+    # an error by what few other values show is itself uncertain, unless the file's is the larger by far
+    few = replace(value, degrees=3.0)
+    assert abs(few.apart) < 3.5
+    assert replace(few, own_error=0.01, deviation=0.6).apart == pytest.approx(-5.0, rel=1e-3)
+
+
+def test_what_the_model_lacks_widens_the_logs_own_estimate_and_a_wrong_value_does_not():
+    """Windows that tell three values, one of them wrong by twelve deviations, or all of them a little."""
+    random, kept = np.random.default_rng(0), np.ones(2, dtype=bool)
+
+    def apart(pulls: list[float]) -> float:
+        J = random.standard_normal((60, 40, 5)) * [1.0, 1.0, 0.3, 0.3, 0.3]
+        r = random.standard_normal((60, 40)) - J @ np.array([0.0, 0.0, *pulls])
+        joint = WindowEquations(np.einsum("wri,wrj->wij", J, J), np.einsum("wri,wr->wi", J, r))
+        step, error, degrees = own_estimate(joint, kept, 0, clustered=1.0)
+        assert step == pytest.approx(pulls[0], rel=0.1)
+        return FileValue(label="", value=0.0, deviation=1.0, own=step, own_error=error, degrees=degrees).apart
+
+    assert abs(apart([12.0, 0.0, 0.0])) > 4.0
+    assert abs(apart([12.0, -9.0, 14.0])) < 3.0

@@ -126,7 +126,10 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     point = coordinates.scaled(values)
     sizes = 0.001 / coordinates.slopes(point)
     estimate = Uncertainty(coordinates=coordinates, point=point, covariance=np.diag(sizes**2), intervals={})
-    robot = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, log_count=1, asymmetric=True)
+    torque = (0.0, np.zeros(len(values)))
+    robot = found_robot(
+        alten(Friction.none(3)), coordinates.layout, estimate, torque=torque, log_count=1, asymmetric=True
+    )
     np.testing.assert_allclose(robot.friction.load, LOAD)
     np.testing.assert_allclose(robot.friction.coulomb, FRICTION.coulomb)
     np.testing.assert_allclose(robot.friction.coulomb_asymmetry, (0.03, -0.02, -0.12))
@@ -134,5 +137,5 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     robot.write(tmp_path / "found.toml")
     assert Robot.load(tmp_path / "found.toml").friction == robot.friction
     # without the law, an offset is the motor's, and no friction
-    motor = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, log_count=1)
+    motor = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, torque=torque, log_count=1)
     assert motor.friction == replace(robot.friction, coulomb_asymmetry=())

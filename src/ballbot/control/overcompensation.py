@@ -172,16 +172,31 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
 
     A variance is zero if the file states no deviation of that parameter, and infinite if it states that it is unknown.
     """
-    labels = [*_numbers(robot.friction)]
+    covariance = _stated(robot, [*_numbers(robot.friction)])
+    return covariance if covariance.any() else None
+
+
+def _stated(robot: Robot, labels: list[str]) -> NDArray[np.float64]:
     stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
-    if not any(label in stated for label in labels):
-        return None
     sizes = np.array([stated.get(label, 0.0) for label in labels])
     covariance = np.diag(sizes**2)
     known = robot.correlation.among(labels)
     at = [labels.index(label) for label in known.of]
     covariance[np.ix_(at, at)] = known.matrix() * np.outer(sizes[at], sizes[at])
     return covariance
+
+
+def _commanded_covariance(robot: Robot) -> NDArray[np.float64]:
+    """Return the covariance of the friction over the factor by which the motors' torques are those commanded.
+
+    Whatever that factor is, a torque is compensated by what was commanded against it in the logs.
+    """
+    numbers, torque = _numbers(robot.friction), "drive.torque_constant"
+    joint = _stated(robot, [*numbers, torque])
+    scaled = [name == "friction.rolling" or "N m" in BY_NAME[name.partition("[")[0]].unit for name in numbers]
+    slope = np.where(scaled, [*numbers.values()], 0.0) / robot.drive.torque_constant
+    shared = np.outer(slope, joint[-1, :-1])
+    return joint[:-1, :-1] - shared - shared.T + joint[-1, -1] * np.outer(slope, slope)
 
 
 #: speeds of a wheel at which the fractions are computed [rad/s]
@@ -253,10 +268,9 @@ def _given(controller: Controller, direction: float) -> NDArray[np.float64]:
 
 def certain_friction(robot: Robot) -> Friction:
     """Return the friction of a robot's file, or its lower confidence bound if the file has standard deviations."""
-    covariance = stated_covariance(robot)
-    if covariance is None:
+    if stated_covariance(robot) is None:
         return robot.friction
-    return cautious_friction(robot.friction, covariance, intervals=robot.intervals)
+    return cautious_friction(robot.friction, _commanded_covariance(robot), intervals=robot.intervals)
 
 
 def refuse_overcompensation(controller: Controller, friction: Friction) -> None:

@@ -45,6 +45,9 @@ WINDOWS_PER_PARAMETER = 2
 LEAST_VARIATION = 0.1
 #: least root mean square of a motor's torque, and of its change from row to row [N m]
 LEAST_TORQUE = 5e-3
+#: least share of the heading's turning by which the ball pivots: wheels and ball whose radii are known to 1 %, and a
+#: tilt, may show half of it; and least share over its standard error, one case in a thousand
+_LEAST_PIVOTING, _CERTAIN = 0.03, 3.1
 #: quantities that need a wheel to turn
 _OF_WHEEL = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
 #: quantities, the states that they affect, the least root mean square of these over the windows, and what is lacking
@@ -52,7 +55,6 @@ _MOTIONS = (
     ("rolling", ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
     ("center_of_mass", ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
     ("second_moment", ("theta_dot", "phi_dot"), 0.02, "rad/s", "the lean hardly changes"),
-    ("pivoting", ("psi_dot",), 0.05, "rad/s", "the heading hardly turns"),
     ("imu_delay", ("theta_dot", "phi_dot"), 5e-3, "rad/s", "the lean hardly changes"),
     ("velocity_delay", ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
 )
@@ -122,6 +124,13 @@ def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple
     if change < LEAST_TORQUE:
         text = f"The torques change by only {change:.2g} N m per row; add steps to the reference"
         yield ("delay",), 0, text
+    rate, spin = windows.initial[:, STATE_NAMES.index("psi_dot")], windows.spin
+    turned, pivoted = float(rate @ rate), float(spin @ rate)
+    share = pivoted / turned if turned > 0.0 else 0.0
+    error = float(np.linalg.norm(rate * (spin - share * rate))) / max(turned, 1e-300)
+    if not share > max(_LEAST_PIVOTING, _CERTAIN * error):
+        text = f"The ball pivots by {share:.2g} +- {error:.2g} of the turning of the heading, which may be nothing"
+        yield ("pivoting",), 0, text
     for name, states, least, unit, words in _MOTIONS:
         columns = [STATE_NAMES.index(state) for state in states]
         motion = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))

@@ -11,20 +11,30 @@ These are consider parameters (S. Schmidt, Application of state-space methods to
 Control Systems 3 (1966) 293-340): they have priors, but keep the file's values, because what the model lacks would move
 them. On two logs of the nominal twin, whose file is right, an inertia would move by 15 %, with a standard error of 4 %.
 
-The logs' own estimate of a value is from a linear fit of the parameters and all values, with the priors of the others,
-whose weights have the factor by which clustered variances exceed those of independent residuals.
+The logs' own estimate of a value v is from a linear fit of the parameters, v, and all other values u with their priors,
+
+    (H + w D) d = -g,      error of d_v^2 = w [(H + w D)^-1]_vv,      D = diag(0, 1 for each u)
+
+in which w is how much less the dependent residuals tell than independent ones would: at least what clustering by window
+makes of it. What the model lacks (play, rollers, delays) shows in how far it pulls the other values from the file, of
+which most are right: w is so large that their squared pulls are as many as they have on average if the model is right,
+sum_u d_u^2 = sum_u (1 - s_u^2) = n (as D. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415-447, has it
+of a prior's width; R. Birge's factor is the same of repeated measurements). A value that alone is wrong pulls no others
+once it is free. Student's t with n degrees of freedom judges the difference.
 """
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, error, note
 from ballbot.fitting.fit import Fit
-from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected
+from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
 from ballbot.results import reported
@@ -40,10 +50,6 @@ _TORQUE, _CLOCK = "drive.torque_constant", "sensors.sample_time"
 DEVIATIONS = {_TORQUE: 0.05, _CLOCK: 0.005}
 #: what can be wrong by one factor without another motion
 _SCALED = ("ball.mass", "ball.inertia", "body.mass", "body.inertia.", "wheels.inertia", "drive.")
-#: factor on the clustered error of the logs' own estimate of a value, which what the model lacks moves farther: on logs
-#: of 24 s of nine drawn robots whose files are right (`campaigns.drawn_robots`), 1.5 of them, root mean square, 5.7 at
-#: most
-_LACKS = 2.0
 #: deviations of the difference beyond which a value contradicts the logs' own estimate
 WRONG = 4.0
 
@@ -57,15 +63,30 @@ class FileValue:
     deviation: float
     own: float  #: by the logs
     own_error: float
+    degrees: float  #: of freedom of that error
 
     @reported
     def apart(self) -> float:
-        """How many deviations of their difference both are apart."""
-        return (self.own - self.value) / float(np.hypot(self.deviation, self.own_error))
+        """How many deviations of their difference both are apart: of a normal variable as unlikely as Student's."""
+        share = self.own_error**2 / (self.deviation**2 + self.own_error**2)
+        ratio = (self.own - self.value) / float(np.hypot(self.deviation, self.own_error))
+        # B. Welch (1947): the file's deviation is known
+        tail = special.stdtr(self.degrees / max(share, 1e-9) ** 2, -abs(ratio))
+        return math.copysign(float(-special.ndtri(tail)), ratio)
 
 
-def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> tuple[Floats, tuple[FileValue, ...]]:
-    """Return what the robot file's errors add to an estimate's scaled covariance (p, p), and the file's values."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileErrors:
+    """What the errors of a robot file do to an estimate."""
+
+    added: Floats  #: to its scaled covariance (p, p)
+    with_torque: Floats  #: covariance (p,) of the scaled estimate with the torque constant [N m/A]
+    torque_deviation: float  #: of the torque constant [N m/A]; 0 if it is exact, or the gains are estimated
+    values: tuple[FileValue, ...]
+
+
+def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> FileErrors:
+    """Return what the robot file's errors do to an estimate, and the file's values beside the logs'."""
     coordinates, end, p = experiment.coordinates, estimate.finished.end, len(estimate.estimated)
     free = {coordinates.names[i] for i in np.flatnonzero(coordinates.free)}
     robot = _stated(experiment.predictor.robot, free)
@@ -73,18 +94,34 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> tuple[Flo
     pairs = [_pair(experiment, robot, number) for number in numbers]
     joint = experiment.linearize_widely(end.point, end.windows.starts, others=pairs).equations
     kept = estimate.estimated & (joint.matrix.diagonal()[:p] > 0.0)
-    H, C = joint.matrix[:p, :p][np.ix_(kept, kept)], estimate.scaled_covariance[np.ix_(kept, kept)]
-    response, weight = np.zeros((p, len(numbers))), max(float(np.trace(C @ H)) / max(len(H), 1), 1.0)
-    response[kept] = -np.linalg.pinv(H, rcond=1e-13, hermitian=True) @ joint.matrix[:p, p:][kept]
-    widen, values = _LACKS * estimate.discrepancy.factor, []
+    scores, response = joint.scores[:, :p][:, kept], np.zeros((p, len(numbers)))
+    inverse = np.linalg.pinv(joint.matrix[:p, :p][np.ix_(kept, kept)], rcond=1e-13, hermitian=True)
+    response[kept] = -inverse @ joint.matrix[:p, p:][kept]
+    # without the correction for leverage, by which one window may have all
+    blocks, estimated = scores.shape
+    clustered = float(np.sum(scores @ inverse * scores)) / max(estimated, 1) * blocks / (blocks - estimated)
+    clustered = max(estimate.discrepancy.factor**2 * clustered, 1.0)
+    values = []
     for index, number in enumerate(numbers):
-        step, step_error = _own_estimate(joint, kept, index, weight=weight, widen=widen)
+        step, step_error, degrees = own_estimate(joint, kept, index, clustered=clustered)
         value = float(numbers_of(value_of(robot, BY_NAME[number.name]))[number.place])
-        stated = {"label": number.label, "value": value, "deviation": number.deviation}
         values.append(
-            FileValue(**stated, own=value + number.deviation * step, own_error=number.deviation * step_error)
+            FileValue(
+                label=number.label,
+                value=value,
+                deviation=number.deviation,
+                own=value + number.deviation * step,
+                own_error=number.deviation * step_error,
+                degrees=degrees,
+            )
         )
-    return response @ R @ response.T, tuple(values)
+    torque = np.array([number.deviation if number.name == _TORQUE else 0.0 for number in numbers])
+    return FileErrors(
+        added=response @ R @ response.T,
+        with_torque=response @ R @ torque,
+        torque_deviation=float(torque.sum()),
+        values=tuple(values),
+    )
 
 
 def _stated(robot: Robot, estimated: Collection[str]) -> Robot:
@@ -126,25 +163,36 @@ def _pair(experiment: Balancing, robot: Robot, number: Uncertain) -> tuple[Balan
     return ahead, behind, (high - low) or 1.0
 
 
-def _own_estimate(
-    joint: WindowEquations, kept: Bools, index: int, *, weight: float, widen: float
-) -> tuple[float, float]:
-    """Return the logs' own estimate of one value less the file's, and its standard error, in the file's deviations."""
-    p, blocks, total = len(kept), len(joint.scores), joint.scores.shape[1]
-    priors = np.sqrt(weight) * np.delete(np.eye(total)[p:], index, axis=0)  # a block each
-    both = WindowEquations(
-        np.concatenate([joint.matrices, priors[:, :, None] * priors[:, None, :]]),
-        np.concatenate([joint.scores, 0.0 * priors]),
-    )
-    free = np.append(kept, both.matrix.diagonal()[p:] > 0.0)
+def own_estimate(
+    joint: WindowEquations, kept: Bools, index: int, *, clustered: float
+) -> tuple[float, float, float]:
+    """Return the logs' own estimate of one value less the file's, its standard error, and that error's degrees.
+
+    Both are in the file's deviations.
+    """
+    total, p = len(joint.matrix), len(kept)
+    others = (np.arange(total) >= p) & (np.arange(total) != p + index)
+    free = np.append(kept, np.ones(total - p, dtype=bool)) & (joint.matrix.diagonal() > 0.0)
     if not free[p + index]:
-        return 0.0, np.inf
-    inverse = np.linalg.pinv(both.matrix[np.ix_(free, free)], rcond=1e-13, hermitian=True)
-    step = -float(inverse[free[: p + index].sum()] @ joint.scores.sum(axis=0)[free])
-    scores = np.concatenate(
-        [widen * leverage_corrected(both, free).scores[:blocks], np.sqrt(weight) * priors]
-    )
-    return step, float(np.sqrt(covariance(replace(both, scores=scores), free)[p + index, p + index]))
+        return 0.0, np.inf, 1.0
+    H, g = joint.matrix[np.ix_(free, free)], joint.scores.sum(axis=0)[free]
+    prior, at = others[free], int(free[: p + index].sum())
+
+    def fitted(weight: float) -> tuple[Floats, Floats]:
+        inverse = np.linalg.pinv(H + weight * np.diag(prior), rcond=1e-13, hermitian=True)
+        step = np.negative(inverse @ g, dtype=np.float64)
+        return step, np.multiply(weight, inverse.diagonal(), dtype=np.float64)
+
+    def excess(weight: float) -> float:
+        step, variances = fitted(weight)
+        return float((step[prior] ** 2 + variances[prior] - 1.0).sum())
+
+    weight = clustered
+    while excess(weight) > 0.0:  # by steps of 5 %, finer than any statistic here
+        weight *= 1.05
+    step, variances = fitted(weight)
+    degrees = float((1.0 - fitted(clustered)[1][prior]).sum())
+    return float(step[at]), float(np.sqrt(variances[at])), max(degrees, 1.0)
 
 
 def file_value_findings(values: Collection[FileValue]) -> list[Finding]:

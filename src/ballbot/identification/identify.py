@@ -377,13 +377,21 @@ def _result(
     robot, layout = predictor.robot, coordinates.layout
     # from windows, between logs, from the robot file, and between wheels
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    by_file, file_values = from_file(experiment, estimate)
-    uncertainty = uncertainty_of_each(coordinates, uncertainty.with_variation(by_file))
-    of_file = file_value_findings(file_values)
+    by_file = from_file(experiment, estimate)
+    uncertainty = uncertainty_of_each(coordinates, uncertainty.with_variation(by_file.added))
+    of_file = file_value_findings(by_file.values)
     wrong = tuple(item.text.removesuffix(".") for item in of_file if item.severity == "error")
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
-    found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
+    with_torque = (by_file.with_torque * coordinates.slopes(estimate.finished.point))[coordinates.first]
+    found = found_robot(
+        robot,
+        layout,
+        uncertainty,
+        torque=(by_file.torque_deviation, with_torque),
+        log_count=len(logs),
+        asymmetric=asymmetric,
+    )
     covariance = uncertainty.correlation * np.outer(errors, errors)
     balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
     held_out = window_errors(predictor, prepared.held_out, values)
@@ -402,8 +410,8 @@ def _result(
         ),
         fit=window_errors(predictor, experiment.windows, values),
         held_out=held_out,
-        file_values=file_values,
-        file_share=by_file.diagonal()[coordinates.first] / uncertainty.covariance.diagonal(),
+        file_values=by_file.values,
+        file_share=by_file.added.diagonal()[coordinates.first] / uncertainty.covariance.diagonal(),
         contradicted=() if "file-value" in options.accept else wrong,
         window=window,
         excluded_states=tuple(options.excluded_states),

@@ -20,6 +20,7 @@ from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
 
+_TORQUE = "drive.torque_constant"
 #: finite difference for derivatives, in standard deviations
 _STEP = 0.1
 #: least relative change of a number that depends on a parameter
@@ -40,9 +41,18 @@ def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float
 
 
 def found_robot(
-    robot: Robot, layout: Layout, uncertainty: Uncertainty, *, log_count: int, asymmetric: bool = False
+    robot: Robot,
+    layout: Layout,
+    uncertainty: Uncertainty,
+    *,
+    torque: tuple[float, Floats],
+    log_count: int,
+    asymmetric: bool = False,
 ) -> Robot:
     """Return the robot with friction and rigid body from an estimate; its sources state the standard errors.
+
+    `torque` is the standard deviation of the torque constant, and the covariance (p,) of the estimates with it: a robot
+    file has both, because what is compensated depends on a friction in the torques that are commanded.
 
     Gains, offsets, delays and biases are only in the result: a robot file has no such numbers. With the laws
     "asymmetric" and "directed" the offsets are friction.
@@ -59,14 +69,18 @@ def found_robot(
             sources |= dict.fromkeys(lines, f"identified: from {logs}, standard error{of} {numbers}")
 
     def robot_of(parameters: Floats) -> Robot:
-        return layout.robot_of(robot, parameters, asymmetric=asymmetric)
+        found = layout.robot_of(robot, parameters[:-1], asymmetric=asymmetric)
+        return found.replace({_TORQUE: float(parameters[-1])})
+
+    (deviation, with_torque), covariance = torque, uncertainty.correlation * np.outer(errors, errors)
+    joint = np.block([[covariance, with_torque[:, None]], [with_torque, np.square(deviation)]])
 
     return with_uncertainty(
-        robot_of(values).annotated(sources={**robot.sources, **sources}),
+        layout.robot_of(robot, values, asymmetric=asymmetric).annotated(sources={**robot.sources, **sources}),
         robot_of,
-        values,
-        uncertainty.correlation * np.outer(errors, errors),
-        names=sources,
+        np.append(values, robot.drive.torque_constant),
+        joint,
+        names=[*sources, *([_TORQUE] if deviation > 0.0 else [])],
         ends=ends_without_error(uncertainty),
     )
 

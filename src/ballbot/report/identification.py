@@ -122,7 +122,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
         *(["other optimum"] if other else []),
         "allowed",
     )
-    return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 1))
+    return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 7, 1))
 
 
 def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:

@@ -29,6 +29,7 @@ from ballbot.validation.models import (
     Trajectories,
     in_heading_frame,
     rows_after,
+    started,
     window_starts,
 )
 from ballbot.validation.whole_log import WholeLog, compare_whole_log
@@ -215,13 +216,15 @@ def _run(model: Model, log: Log, start: int, samples: int, controller: Feedback,
     """Return the states (samples, 10) of a model from the measured state in row `start` on."""
     states, asked = np.empty((samples, len(STATE_NAMES))), np.empty((samples, log.torques.shape[1]))
     measured, torques, references = log.states, log.torques, log.reference
-    state, steps = measured[start], model.steps_in(log.sample_time)
+    steps = model.steps_in(log.sample_time)
+    (state,) = started(model, log, np.array([start]), measured[[start]])
     controller.reset()
     for k, row in enumerate(range(start, start + samples)):
-        asked[k] = controller.update(float(log.t[row]), state, references[row])
+        asked[k] = controller.update(float(log.t[row]), state[: len(STATE_NAMES)], references[row])
         # the measured torques act until the first delayed torque arrives
         held = asked[k - delay] if k >= delay else torques[row]
-        states[k] = state = simulate_one(
+        state = simulate_one(
             model.selected, model.packed, state, held, sample_time=log.sample_time, steps=steps
         )
+        states[k] = state[: len(STATE_NAMES)]
     return states

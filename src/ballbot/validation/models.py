@@ -33,6 +33,7 @@ from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding
 from ballbot.fitting.comparison import FINEST, LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.pose import ball_rates, measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -81,7 +82,7 @@ class ModelPair:
     def by_friction(model: Model) -> ModelPair:
         """Return a model paired with itself without friction; InputError if it has no friction."""
         robot = model.robot
-        none = Friction.none(robot.wheel_count)
+        none = replace(Friction.none(robot.wheel_count), pivoting=robot.friction.pivoting)
         if robot.friction == none:
             raise InputError(
                 f"The robot {robot.name} has no friction to validate. Identify it first, or validate it beside "
@@ -97,16 +98,18 @@ class ModelPair:
         The second is another preset or robot file, "thesis" for the same robot with the thesis's equations, or by
         default the same robot without friction. InputError if a file is not valid or both models are the same.
         """
-        model = Model(Robot.load(robot))
+        model = model_of(Robot.load(robot))
         if against is None:
             return ModelPair.by_friction(model)
         if against == "thesis":
-            thesis = NamedModel("in the thesis's formulation", replace(model, formulation="thesis"))
+            thesis = NamedModel(
+                "in the thesis's formulation", replace(model, formulation="thesis", pivoting=None)
+            )
             return ModelPair(NamedModel("in the exact formulation", model), thesis)
         if not Path(against).exists():
             sentence = f"--against {against} is no preset or robot file, and not thesis"
             check_known(against, ["thesis", *Robot.presets()], sentence, otherwise="there are")
-        other = NamedModel(f"of {against}", Model(Robot.load(against)))
+        other = NamedModel(f"of {against}", model_of(Robot.load(against)))
         return ModelPair(NamedModel(f"of {robot}", model), other)
 
     @property
@@ -118,6 +121,11 @@ class ModelPair:
     def both(self) -> tuple[Model, Model]:
         """The first model, then the second."""
         return self.first.model, self.second.model
+
+
+def model_of(robot: Robot) -> Model:
+    """Return a robot's model, whose ball pivots if the robot's friction says how."""
+    return Model(robot, pivoting=robot.pivoting_torque)
 
 
 Interval = tuple[float, float]
@@ -176,12 +184,21 @@ def forecast(
             )
         lanes = Lanes(
             parameters=model.packed[None],
-            initial=log.states[starts] if initial is None else initial,
+            initial=started(model, log, starts, log.states[starts] if initial is None else initial),
             torques=log.torques[starts[:, None] + np.arange(samples)],
         )
         steps = model.steps_in(log.sample_time)
-        states.append(simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states)
+        run = simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps)
+        states.append(run.states[..., : len(STATE_NAMES)])
     return np.stack(states)
+
+
+def started(model: Model, log: Log, rows: Ints, states: Floats) -> Floats:
+    """Return a model's states (k, 10) in rows (k,) of a log; if its ball pivots, with the spin that the wheels show."""
+    if not model.pivots:
+        return states
+    rates = ball_rates(log, model.robot, measured_wheel_speeds(log, model.robot))
+    return np.column_stack([states, rates[rows, 2]])
 
 
 def in_heading_frame(states: Floats, psi: Floats) -> Floats:
@@ -209,6 +226,7 @@ def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> F
     falling body, less at most |row of the torques| times the largest torques. The recoverable lean is where both are
     equal, at most the lean at which a simulation ends.
     """
+    model = replace(model, pivoting=None)  # at rest nothing turns the ball
     leans, n = np.linspace(0.0, LARGEST_LEAN, 201), model.robot.wheel_count
     limits = np.empty(len(directions))
     for index, direction in enumerate(directions.tolist()):

@@ -17,7 +17,7 @@ its residual, so the speed of some rows earlier is used.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -149,7 +149,7 @@ _LIFT = 1e-10
 
 def wheel_torque_residuals(prediction: Prediction) -> Floats:
     """Return the residual torques (steps, n) [N m]."""
-    model = prediction.models.first.model
+    model = replace(prediction.models.first.model, pivoting=None)
     rates = in_heading_frame(prediction.residuals, prediction.heading)[:, 5:]
     upright = np.zeros(5)
     J = prediction.sample_time * np.linalg.solve(model.mass_matrix(upright), model.wheel_jacobian(upright).T)

@@ -20,10 +20,9 @@ from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
-from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.robot import RobotLike, as_robot
-from ballbot.validation.models import FINEST, Case, Interval, ModelPair, stretches
+from ballbot.validation.models import FINEST, Case, Interval, ModelPair, model_of, stretches
 from ballbot.validation.result import Validation
 from ballbot.validation.ways import VALIDATIONS
 
@@ -72,7 +71,7 @@ def validate(
     ['horizon', 'prediction']
     """
     robot = as_robot(robot)
-    models = ModelPair.by_friction(Model(robot))
+    models = ModelPair.by_friction(model_of(robot))
     driver = None if controller is None else as_controller(controller, robot)
     checked = checked_logs(robot, logs, accept=accept)
     parts = validate_logs(models, checked.logs, controller=driver, run=run)

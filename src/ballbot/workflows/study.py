@@ -25,14 +25,13 @@ from ballbot.identification.windows import holdout_intervals
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
-from ballbot.mechanics.model import Model
 from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_logs
-from ballbot.validation.models import Interval
+from ballbot.validation.models import Interval, model_of
 from ballbot.workflows.controller_choice import (
     SQUARE,
     Confirmation,
@@ -169,7 +168,7 @@ def study(
             f"{fit.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    models = ModelPair.by_friction(Model(fit.robot))
+    models = ModelPair.by_friction(model_of(fit.robot))
     by_log = tuple(
         validate_logs(
             models,

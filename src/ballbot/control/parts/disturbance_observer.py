@@ -143,7 +143,7 @@ class DisturbanceObserver(Part):
     state = ObserverState
 
     frequency: float = parameter("w of the lag", "rad/s", default=10.0)
-    limit: float = parameter("largest torque added to a wheel", "N m", default=0.5)
+    limit: float = parameter("largest torque added to a wheel", "N m")
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""

@@ -49,6 +49,10 @@ MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
 MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
+#: the largest lost torque that is added, over the motors' largest: twice the friction of the nominal scenario's wheels,
+#: and too little to tip the robot by a wrong estimate
+OBSERVED_TORQUE = 1.0 / 12.0
+
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
 
@@ -119,7 +123,9 @@ def precise_controller(
             shaping=fastest_shaping(settings),
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=integral_gain),
-            disturbance_observer=DisturbanceObserver(),
+            disturbance_observer=DisturbanceObserver(
+                limit=_rounded(OBSERVED_TORQUE * robot.drive.torque_limit)
+            ),
             lean_limit=LeanLimit(),
         ),
         estimator="kalman",

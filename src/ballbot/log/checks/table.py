@@ -107,7 +107,7 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     "swapped": ({"error": 0},
         "{first} and {second} are swapped, or their rates are: each changes by the rate of the other."),
     # wheels against the states and the robot file
-    "robot-sensors: period": ({"warning": 0.05},  # difference of the logarithms
+    "robot-sensors: period": ({"warning": 0.02},  # difference of the logarithms: four deviations of a clock
         "Rows come every {period:.4g} ms, but sample_time of the robot file is {written:.4g} ms. Correct the robot "
         "file, or know that the log has another rate than the controller."),
     "robot-sensors: counts": ({"warning": 0.02},  # difference of the logarithms
