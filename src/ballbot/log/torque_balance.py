@@ -336,8 +336,9 @@ def together(gains: Sequence[Gains]) -> Gains:
 
 # --- which command drives which wheel ---
 
-#: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
-SAME_TORQUES = 0.1
+#: assignments whose torques differ by less than this part of their size count as one: with another error of 0.13 of it
+#: torques are still off by no more than they may be, 0.2
+SAME_TORQUES = 0.15
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of

@@ -15,7 +15,6 @@ from itertools import permutations
 
 import numpy as np
 
-from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import FACTORS
@@ -30,7 +29,7 @@ from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, UNIT_OF_INPUT, InputKind
 from ballbot.log.placement import SensorFrame
-from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
+from ballbot.log.signals import INTERVAL, new_messages, smooth
 from ballbot.log.torque_balance import (
     TURNED_POWER,
     CommandOrder,
@@ -153,7 +152,12 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
 def _delay(
     base: Columned, motion: SensedMotion, frame: SensorFrame, assigned: CommandOrder
 ) -> tuple[float, float]:
-    """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
+    """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown.
+
+    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
+    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
+    elsewhere, distinguishes the two.
+    """
     driven = np.zeros((len(frame.order), len(frame.order)))
     for j, wheel in enumerate(assigned.wheels):  # in the order of the log that was compared
         position = frame.order[wheel] - 1
@@ -162,23 +166,13 @@ def _delay(
     wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
     commands = smooth(rows, rows, base.held_commands(rows), width=DELAY_WIDTH).value
     usable = motion.tested.balancing if motion.tested else motion.signals.usable
-    return command_delay(wheels, commands, usable, driven)
-
-
-def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Floats) -> tuple[float, float]:
-    """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
-
-    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
-    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
-    elsewhere, distinguishes the two.
-    """
     if usable.sum() * INTERVAL < LEAST_DELAY_TIME:
         return math.nan, math.inf
     y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
-    rows, left = np.arange(len(usable), dtype=np.float64), []
+    left = []
     for delay in DELAYS:
-        late = np.column_stack([np.interp(rows - delay / INTERVAL, rows, command) for command in commands.T])
+        late = np.column_stack([np.interp(rows - delay, rows, command) for command in commands.T])
         speed = wheels.rate
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
