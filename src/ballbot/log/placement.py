@@ -250,8 +250,7 @@ def lean_test(
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     still, same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (0.0, 1.0, -1.0))
-    turning = min(same, opposite, key=lambda left: float(left.sum()))
-    spins = heading is None and advantage(still, turning, weights) > SURELY_STILL
+    spins = heading is None and advantage(still, min(same, opposite, key=np.sum), weights) > SURELY_STILL
     turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),

@@ -40,6 +40,7 @@ from ballbot.log.torque_balance import (
     driving_of,
     gains_of,
     motion_of,
+    sizes_of,
 )
 from ballbot.results import left_out
 from ballbot.robot import Drive, Robot
@@ -62,9 +63,8 @@ CLIPPED, ROUNDED = 0.05, 1.01
 FULL_SCALE_FITS = 0.35
 #: a dead band as firmware has it [of full duty], and as a part of the dry friction that the log shows besides: with
 #: both, each of 10 logs of the campaign whose torques one made wrong by more than a fifth is asked for, none of 9
-#: without one, and none of 35 with one that changed less. A wheel's torque counts as at least this part of all
-#: wheels' (root mean square)
-LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.31, 0.5
+#: without one, and none of 35 with one that changed less
+LEAST_BAND, BAND_OF_FRICTION = 0.01, 0.31
 #: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {kind: FACTORS[unit] for kind, unit in UNIT_OF_INPUT.items()}
 
@@ -170,10 +170,9 @@ def _delay(
         return math.nan, math.inf
     y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
-    left = []
+    left, speed = [], wheels.rate
     for delay in DELAYS:
         late = np.column_stack([np.interp(rows - delay, rows, command) for command in commands.T])
-        speed = wheels.rate
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
         normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
@@ -199,14 +198,13 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, f
     full = float(drive.torque(np.ones(1), np.zeros(1), resistance)[0])
     duty_sign = np.sign(log.torques + drive.back_emf(resistance) * log.wheel_speeds)
     against = moved.filtered(log, duty_sign, late=0.5 * log.sample_time) - driving.friction[:, :, 0]
-    size = np.maximum(torque.std(axis=0), LEAST_TORQUE * np.sqrt(torque.var(axis=0).mean()))
     dry = []
     for i, weight in enumerate(driving.turning.T**TURNED_POWER):
         table = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
         factors = np.linalg.lstsq(table, weight * (torque[:, i] - driving.needed[:, i]), rcond=1e-6)[0]
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
-    return likely, likely * full * float((against.std(axis=0) / size).max())
+    return likely, likely * full * float((against.std(axis=0) / sizes_of(torque)).max())
 
 
 def assumed_resistance(motor: Drive) -> float:
