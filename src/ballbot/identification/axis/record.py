@@ -262,7 +262,9 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
     try:
         sources = by.sources.items()
     except InputError as error:
-        raise InputError(f"{error}; or give --unit {other}, --force-scale, or a --mapping's factor") from None
+        raise InputError(
+            f"{error}; or give --unit {other}, --force-scale, or the factor in a --mapping"
+        ) from None
     for name, source in sources:
         if entries[name].unit and source.factor != 1.0:
             text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."
