@@ -263,7 +263,7 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
         sources = by.sources.items()
     except InputError as error:
         raise InputError(
-            f"{error}; or give --unit {other}, --force-scale, or the factor in a --mapping"
+            f"{error}; give --unit {other}, --force-scale or the factor in a --mapping"
         ) from None
     for name, source in sources:
         if entries[name].unit and source.factor != 1.0:
