@@ -262,9 +262,7 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
     try:
         sources = by.sources.items()
     except InputError as error:
-        raise InputError(
-            f"{error}; give --unit {other}, --force-scale or the factor in a --mapping"
-        ) from None
+        raise InputError(f"{error}; give --unit {other}, --force-scale or a factor in a --mapping") from None
     for name, source in sources:
         if entries[name].unit and source.factor != 1.0:
             text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."
