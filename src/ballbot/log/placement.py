@@ -114,8 +114,9 @@ ROLLING = 0.2
 #: one, nor a course robot's log more than a half
 STILL_HEADING, STILL_WEIGHT = 0.02, 0.3
 #: standard errors by which a frame that stands still explains the lean better than one that turns by the wheels'
-#: heading: the ball spins, and that is no heading. On 28 logs without a yaw 11 or more where it spins, else below 1
-SURELY_STILL = 3.0
+#: heading: the ball spins, and that is no heading. On 28 logs without a yaw 11 or more where it spins, else below 1. As
+#: many decide the direction in which all wheels count: by 2.5 it was wrong once
+SURELY = 3.0
 #: logarithm of the odds of the largest confidence
 MOST_ODDS = math.log(MOST / (1.0 - MOST))
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
@@ -250,7 +251,7 @@ def lean_test(
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     still, same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (0.0, 1.0, -1.0))
-    spins = heading is None and advantage(still, min(same, opposite, key=np.sum), weights) > SURELY_STILL
+    spins = heading is None and advantage(still, min(same, opposite, key=np.sum), weights) > SURELY
     turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
@@ -576,7 +577,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, shows: float = 0.0) -> Senso
         forms += [((1, -1, 1), mirrored, -best.phase - 2.0 * beta[0])] if len(turns) > 1 else []
     known = heading is not None and heading.confidence >= CONFIDENT
     seen = float(advantage_confidence(np.array(abs(tested.handedness)))) if heading is None else 0.5
-    by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
+    by_wheels = max(seen, EQUAL_DIRECTIONS)
+    if tested.headings > TURNING_BY_WHEELS:
+        by_wheels = seen if abs(tested.handedness) > SURELY else 0.5
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     frames = list[SensorFrame]()
     # without a heading both directions in which all wheels count make nearly the same log
