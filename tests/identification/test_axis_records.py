@@ -148,7 +148,7 @@ def test_failed_readings_of_a_position_are_missing(tmp_path: Path) -> None:
 
 def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", position_rad=POSITION)
-    with pytest.raises(InputError, match=r"give --unit rad, .*the unit 'rad' cannot be converted to m"):
+    with pytest.raises(InputError, match=r"the unit 'rad' cannot be converted to m; .*give --unit rad"):
         read_axis_record(path, AxisColumns(position="position_rad"))
 
 

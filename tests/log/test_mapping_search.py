@@ -91,6 +91,18 @@ def test_tilts_that_do_not_turn_and_exchanged_wheels_are_found_without_a_turn(tm
     assert abs(np.angle(gain)) < np.radians(3.0)
 
 
+def test_a_ball_that_spins_gives_no_heading_by_the_wheels(tmp_path):
+    """It turns all wheels alike, though the robot does not turn so; nothing else shows the way in which they count."""
+    habits = replace(COURSE, yaw=False, gyro_unit=None)
+    columns = foreign_columns(habits)
+    for name in ("psi_1", "psi_2", "psi_3"):
+        columns[name] += 6.0 * np.sin(0.7 * columns["t_now"])
+    found = evaluate(
+        propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot(), Stated(command="duty"))
+    )
+    assert {"[wheels] sign", "[attitude] turn"} <= {one.key for one in found.questions}
+
+
 def test_tilts_without_the_yaw_that_they_need_are_asked_for(tmp_path):
     found = found_for(tmp_path, replace(COURSE, tilts=True, yaw=False))
     assert "[attitude] sequence" in [one.key for one in found.questions]

@@ -113,6 +113,10 @@ ROLLING = 0.2
 #: exp(z^2): one alone hardly counts, three decide. Against the truth none of 137 variants of the campaign has more than
 #: one, nor a course robot's log more than a half
 STILL_HEADING, STILL_WEIGHT = 0.02, 0.3
+#: standard errors by which a frame that stands still explains the lean better than one that turns by the wheels'
+#: heading: the ball spins, and that is no heading. On 28 logs without a yaw 11 or more where it spins, else below 1. As
+#: many decide the direction in which all wheels count: by 2.5 it was wrong once
+SURELY = 3.0
 #: logarithm of the odds of the largest confidence
 MOST_ODDS = math.log(MOST / (1.0 - MOST))
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
@@ -167,7 +171,7 @@ class LeanTest:
     phase_error: float | None  #: standard error of the best one's phase [rad]; None with too few blocks
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
+    #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading; 0 if that is none
     handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
@@ -176,20 +180,10 @@ class LeanTest:
     heading: HeadingTest | None  #: None without a yaw
 
     @property
-    def gain(self) -> float | None:
-        """Response of the lean to the wheels over the robot's, by the best placement; None if that one is in doubt."""
-        return self.placements[0].gain if self.confidence > 0.5 else None
-
-    @property
     def margin(self) -> float:
         """How many times worse the next best placement fits."""
         first, second = self.placements[:2]
         return second.misfit / max(first.misfit, 1e-12)
-
-    @property
-    def evidence(self) -> str:
-        """How much better the best placement fits, in words."""
-        return f"the next best order or signs fit {self.margin:.1f} times worse"
 
     @property
     def reversed_wheels(self) -> tuple[int, ...]:
@@ -250,13 +244,14 @@ def lean_test(
     beta = np.asarray(robot.wheels.azimuths)[np.asarray(best.positions) - 1]
     way = np.asarray(best.signs) * np.exp(1j * beta)
     law = replace(law, way=way, heading=heading or heading_of(robot, wheels, best))
-    turning, driven = law.columns, law.driven
-    sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
+    columns, driven = law.columns, law.driven
+    sums = _sums(np.column_stack([columns, driven]) * weights[:, None], weights)
     gains = [_solved((sums.sum(axis=0) - block)[:-1])[0] for block in sums]
-    rest = driven - turning @ _solve(turning, driven, weights)
+    rest = driven - columns @ _solve(columns, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
-    same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
+    still, same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (0.0, 1.0, -1.0))
+    spins = heading is None and advantage(still, min(same, opposite, key=np.sum), weights) > SURELY
     turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
@@ -264,7 +259,7 @@ def lean_test(
         phase_error=None if math.isnan(phase_error) else phase_error,
         lag=lag,
         lag_error=lag_error,
-        handedness=advantage(same, opposite, weights),
+        handedness=0.0 if spins else advantage(same, opposite, weights),
         headings=float(np.std(law.heading.value[usable])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
@@ -582,7 +577,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, shows: float = 0.0) -> Senso
         forms += [((1, -1, 1), mirrored, -best.phase - 2.0 * beta[0])] if len(turns) > 1 else []
     known = heading is not None and heading.confidence >= CONFIDENT
     seen = float(advantage_confidence(np.array(abs(tested.handedness)))) if heading is None else 0.5
-    by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
+    by_wheels = max(seen, EQUAL_DIRECTIONS)
+    if tested.headings > TURNING_BY_WHEELS:
+        by_wheels = seen if abs(tested.handedness) > SURELY else 0.5
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     frames = list[SensorFrame]()
     # without a heading both directions in which all wheels count make nearly the same log

@@ -259,8 +259,10 @@ def _named(table: ForeignTable, given: AxisColumns, changes: list[Finding]) -> t
         scale = _number(columns, given.force_scale, "--force-scale")
         entries[own["force"]] = ColumnTable(source=given.force, scale=scale)
     by, other = LogMapping(columns=entries), "rad" if given.unit == "m" else "m"
-    with about(f"give --unit {other}, --force-scale, or the factor in a --mapping"):
+    try:
         sources = by.sources.items()
+    except InputError as error:
+        raise InputError(f"{error}; give --unit {other}, --force-scale or a factor in a --mapping") from None
     for name, source in sources:
         if entries[name].unit and source.factor != 1.0:
             text = f"{source.column} is multiplied by {source.factor:.6g}, by its unit in the file."

@@ -15,7 +15,6 @@ from itertools import permutations
 
 import numpy as np
 
-from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import FACTORS
@@ -30,7 +29,7 @@ from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, UNIT_OF_INPUT, InputKind
 from ballbot.log.placement import SensorFrame
-from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
+from ballbot.log.signals import INTERVAL, new_messages, smooth
 from ballbot.log.torque_balance import (
     TURNED_POWER,
     CommandOrder,
@@ -41,6 +40,7 @@ from ballbot.log.torque_balance import (
     driving_of,
     gains_of,
     motion_of,
+    sizes_of,
 )
 from ballbot.results import left_out
 from ballbot.robot import Drive, Robot
@@ -63,9 +63,8 @@ CLIPPED, ROUNDED = 0.05, 1.01
 FULL_SCALE_FITS = 0.35
 #: a dead band as firmware has it [of full duty], and as a part of the dry friction that the log shows besides: with
 #: both, each of 10 logs of the campaign whose torques one made wrong by more than a fifth is asked for, none of 9
-#: without one, and none of 35 with one that changed less. A wheel's torque counts as at least this part of all
-#: wheels' (root mean square)
-LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.31, 0.5
+#: without one, and none of 35 with one that changed less
+LEAST_BAND, BAND_OF_FRICTION = 0.01, 0.31
 #: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {kind: FACTORS[unit] for kind, unit in UNIT_OF_INPUT.items()}
 
@@ -153,7 +152,12 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
 def _delay(
     base: Columned, motion: SensedMotion, frame: SensorFrame, assigned: CommandOrder
 ) -> tuple[float, float]:
-    """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
+    """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown.
+
+    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
+    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
+    elsewhere, distinguishes the two.
+    """
     driven = np.zeros((len(frame.order), len(frame.order)))
     for j, wheel in enumerate(assigned.wheels):  # in the order of the log that was compared
         position = frame.order[wheel] - 1
@@ -162,24 +166,13 @@ def _delay(
     wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
     commands = smooth(rows, rows, base.held_commands(rows), width=DELAY_WIDTH).value
     usable = motion.tested.balancing if motion.tested else motion.signals.usable
-    return command_delay(wheels, commands, usable, driven)
-
-
-def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Floats) -> tuple[float, float]:
-    """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
-
-    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
-    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
-    elsewhere, distinguishes the two.
-    """
     if usable.sum() * INTERVAL < LEAST_DELAY_TIME:
         return math.nan, math.inf
     y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
-    rows, left = np.arange(len(usable), dtype=np.float64), []
+    left, speed = [], wheels.rate
     for delay in DELAYS:
-        late = np.column_stack([np.interp(rows - delay / INTERVAL, rows, command) for command in commands.T])
-        speed = wheels.rate
+        late = np.column_stack([np.interp(rows - delay, rows, command) for command in commands.T])
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
         normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
@@ -205,14 +198,13 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, f
     full = float(drive.torque(np.ones(1), np.zeros(1), resistance)[0])
     duty_sign = np.sign(log.torques + drive.back_emf(resistance) * log.wheel_speeds)
     against = moved.filtered(log, duty_sign, late=0.5 * log.sample_time) - driving.friction[:, :, 0]
-    size = np.maximum(torque.std(axis=0), LEAST_TORQUE * np.sqrt(torque.var(axis=0).mean()))
     dry = []
     for i, weight in enumerate(driving.turning.T**TURNED_POWER):
         table = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
         factors = np.linalg.lstsq(table, weight * (torque[:, i] - driving.needed[:, i]), rcond=1e-6)[0]
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
-    return likely, likely * full * float((against.std(axis=0) / size).max())
+    return likely, likely * full * float((against.std(axis=0) / sizes_of(torque)).max())
 
 
 def assumed_resistance(motor: Drive) -> float:

@@ -206,7 +206,7 @@ def motion_of_file(base: Columned) -> SensedMotion:
             break
         motion = _with_units(base, raw, wrap, units)
         tested = motion.tested
-        gain = tested.gain if tested else None
+        gain = tested.placements[0].gain if tested and tested.confidence > 0.5 else None
         turning = tested.heading.turning if tested and tested.heading else None
         likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
     assert motion is not None
