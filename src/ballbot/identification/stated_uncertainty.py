@@ -70,15 +70,17 @@ def found_robot(
 
     def robot_of(parameters: Floats) -> Robot:
         found = layout.robot_of(robot, parameters[:-1], asymmetric=asymmetric)
-        return found.replace({_TORQUE: float(parameters[-1])})
+        # a resistance without an error may be any that the ball does not overcome
+        arm = (found if "friction.pivoting" in sources else robot).friction.pivoting
+        return found.replace({_TORQUE: float(parameters[-1]), "friction.pivoting": arm})
 
-    (deviation, with_torque), covariance = torque, uncertainty.correlation * np.outer(errors, errors)
-    joint = np.block([[covariance, with_torque[:, None]], [with_torque, np.square(deviation)]])
-
+    (deviation, with_torque), joint_values = torque, np.array([*values, robot.drive.torque_constant])
+    joint = np.pad(uncertainty.correlation * np.outer(errors, errors), (0, 1))
+    joint[-1] = joint[:, -1] = [*with_torque, deviation**2]
     return with_uncertainty(
-        layout.robot_of(robot, values, asymmetric=asymmetric).annotated(sources={**robot.sources, **sources}),
+        robot_of(joint_values).annotated(sources={**robot.sources, **sources}),
         robot_of,
-        np.append(values, robot.drive.torque_constant),
+        joint_values,
         joint,
         names=[*sources, *([_TORQUE] if deviation > 0.0 else [])],
         ends=ends_without_error(uncertainty),
