@@ -84,8 +84,8 @@ class FileErrors:
     """What the errors of a robot file do to an estimate."""
 
     added: Floats  #: to its scaled covariance (p, p)
-    with_torque: Floats  #: covariance (p,) of the scaled estimate with the torque constant [N m/A]
-    torque_deviation: float  #: of the torque constant [N m/A]; 0 if it is exact, or the gains are estimated
+    #: deviation of the torque constant [N m/A], 0 if it is exact, and its covariance with the scaled estimate (p,)
+    torque: tuple[float, Floats]
     values: tuple[FileValue, ...]
 
 
@@ -107,23 +107,15 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> FileError
     clustered = max(estimate.discrepancy.factor**2 * clustered, 1.0)
     values = []
     for index, number in enumerate(numbers):
+        size, value = number.deviation, value_of(robot, BY_NAME[number.name])
+        stated = {"label": number.label, "value": float(numbers_of(value)[number.place]), "deviation": size}
         step, step_error, degrees = own_estimate(joint, kept, index, clustered=clustered)
-        value = float(numbers_of(value_of(robot, BY_NAME[number.name]))[number.place])
-        values.append(
-            FileValue(
-                label=number.label,
-                value=value,
-                deviation=number.deviation,
-                own=value + number.deviation * step,
-                own_error=number.deviation * step_error,
-                degrees=degrees,
-            )
-        )
+        own = {"own": stated["value"] + size * step, "own_error": size * step_error, "degrees": degrees}
+        values.append(FileValue(**stated, **own))
     torque = np.array([number.deviation if number.name == _TORQUE else 0.0 for number in numbers])
     return FileErrors(
         added=response @ R @ response.T,
-        with_torque=response @ R @ torque,
-        torque_deviation=float(torque.sum()),
+        torque=(float(torque.sum()), response @ R @ torque),
         values=tuple(values),
     )
 
