@@ -49,8 +49,8 @@ MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
 MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
-#: the largest lost torque that is added, over the torque limit: on the presets' robots about three times the friction of
-#: the nominal scenario
+#: the largest lost torque that is added, over the torque limit: on the presets' robots about three times the friction
+#: of the nominal scenario
 OBSERVED_TORQUE = 0.23
 
 #: where x, y and psi stand in the state
