@@ -16,7 +16,7 @@ from ballbot.robot import Friction, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.run import initial_state_of
-from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario import Scenario, assumed_friction
 from ballbot.workflows.controller_design import GainOptions, design_controller
 from ballbot.workflows.grid import LoopRobot
 from tests.support.control_examples import FRICTION, alten
@@ -96,3 +96,11 @@ def test_soft_gain_is_refused_where_the_back_emf_makes_it_unstable():
         for tried in (without, fitted, nominal_controller(by_duty, compensation="full"))
     ]
     assert [bool(batch.survived[0]) for batch in kept] == [False, True, True]
+
+
+@pytest.mark.parametrize(("name", "limit"), [("alten", 0.5), ("rob311", 0.053)])
+def test_the_observer_adds_no_more_than_a_share_of_what_the_robot_may_command(name: str, limit: float):
+    robot = as_robot(name).replace(friction=assumed_friction(name))
+    observer = precise_controller(robot).parts.disturbance_observer
+    assert observer is not None
+    assert observer.limit == pytest.approx(limit, rel=0.02)

@@ -136,3 +136,14 @@ def test_what_the_model_lacks_widens_the_logs_own_estimate_and_a_wrong_value_doe
 
     assert abs(apart([12.0, 0.0, 0.0])) > 4.0
     assert abs(apart([12.0, -9.0, 14.0])) < 3.0
+
+
+def test_deviations_in_a_robot_file_replace_those_of_their_kind(tmp_path):
+    own = {"sensors.sample_time": 1e-5, "drive.torque_constant": 0.0, "body.mass": 0.01}
+    Robot.load("alten").annotated(standard_deviations=own).write(tmp_path / "robot.toml")
+    robot = Robot.load(tmp_path / "robot.toml")
+    sizes = {number.label: number.deviation for number in uncertain(_stated(robot, {"second_moment"}))}
+    assert (sizes["sensors.sample_time"], sizes["body.mass"]) == (1e-5, 0.01)
+    assert sizes["ball.mass"] == pytest.approx(0.02 * robot.ball.mass)
+    # exact, and estimated
+    assert not {"drive.torque_constant", "body.inertia.xx"} & sizes.keys()

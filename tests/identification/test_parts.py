@@ -41,6 +41,18 @@ def test_a_wheel_that_hardly_turns_is_named():
     assert np.array(coordinates.labels)[refused].tolist() == ["b1", "c1", "s1", "gain1"]
 
 
+@pytest.mark.parametrize(("share", "known"), [(0.0, False), (0.02, False), (0.3, True)])
+def test_pivoting_is_estimated_only_where_the_ball_pivots_for_certain(share: float, known: bool):
+    log = smooth_log(rows=4000)
+    # what play, rollers and encoders add
+    spin = share * log["psi_dot"] + 0.1 * np.random.default_rng(0).standard_normal(len(log))
+    windows = cut_windows([log], wheel_count=3, duration=0.25, spins=[spin])
+    coordinates = scale_between(alten(), free=("friction", "pivoting"))
+    refused, findings = check_excitation(windows, alten(), coordinates)
+    assert bool(refused[coordinates.names.index("pivoting")]) is not known
+    assert known or "The ball pivots by" in findings[-1].text
+
+
 # --- bounds ---
 
 

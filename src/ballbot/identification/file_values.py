@@ -9,18 +9,21 @@ correlation R of their errors its covariance grows:
 
 These are consider parameters (S. Schmidt, Application of state-space methods to navigation problems, Advances in
 Control Systems 3 (1966) 293-340): they have priors, but keep the file's values, because what the model lacks would move
-them. On two logs of the nominal twin, whose file is right, an inertia would move by 15 %, with a standard error of 4 %.
+them.
 
 The logs' own estimate of a value v is from a linear fit of the parameters, v, and all other values u with their priors,
 
     (H + w D) d = -g,      error of d_v^2 = w [(H + w D)^-1]_vv,      D = diag(0, 1 for each u)
 
-in which w is how much less the dependent residuals tell than independent ones would: at least what clustering by window
-makes of it. What the model lacks (play, rollers, delays) shows in how far it pulls the other values from the file, of
-which most are right: w is so large that their squared pulls are as many as they have on average if the model is right,
-sum_u d_u^2 = sum_u (1 - s_u^2) = n (as D. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415-447, has it
-of a prior's width; R. Birge's factor is the same of repeated measurements). A value that alone is wrong pulls no others
-once it is free. Student's t with n degrees of freedom judges the difference.
+in which w is how much larger the variances of dependent residuals are than those of independent ones: at least as
+clustering by window has it. What the model lacks (play, rollers, delays) shows in how far it pulls the other values
+from the file, most of which are right. So w is raised until the sum of their squared pulls is the one that a right
+model has on average, with s_u the error of d_u:
+
+    sum_u d_u^2 = sum_u (1 - s_u^2) = n
+
+(D. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415-447; a Birge ratio, of the other values). A value
+that alone is wrong pulls no others once it is free. Student's t with n degrees of freedom judges the difference.
 """
 
 import math
@@ -45,9 +48,10 @@ from ballbot.robot.variations import STEP, Uncertain, correlations, shifted, unc
 from ballbot.rounding import digits
 
 _TORQUE, _CLOCK = "drive.torque_constant", "sensors.sample_time"
-#: relative deviations of what the logs' columns depend on: torque constants, and gears' efficiencies, are within 10 %
-#: in motor catalogues, here two deviations; a controller's own oscillator is off by up to 1 %, likewise
-DEVIATIONS = {_TORQUE: 0.05, _CLOCK: 0.005}
+#: relative deviations of what the logs' columns depend on. Torque constants are within 10 % in motor catalogues, two
+#: deviations; magnets lose as much again when they are warm, and gears' efficiencies are up to 20 % below the
+#: catalogue's at part load. A controller's own oscillator is off by up to 1 %, two deviations
+DEVIATIONS = {_TORQUE: 0.1, _CLOCK: 0.005}
 #: what can be wrong by one factor without another motion
 _SCALED = ("ball.mass", "ball.inertia", "body.mass", "body.inertia.", "wheels.inertia", "drive.")
 #: deviations of the difference beyond which a value contradicts the logs' own estimate
@@ -80,8 +84,8 @@ class FileErrors:
     """What the errors of a robot file do to an estimate."""
 
     added: Floats  #: to its scaled covariance (p, p)
-    with_torque: Floats  #: covariance (p,) of the scaled estimate with the torque constant [N m/A]
-    torque_deviation: float  #: of the torque constant [N m/A]; 0 if it is exact, or the gains are estimated
+    #: deviation of the torque constant [N m/A], 0 if it is exact, and its covariance with the scaled estimate (p,)
+    torque: tuple[float, Floats]
     values: tuple[FileValue, ...]
 
 
@@ -103,23 +107,15 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> FileError
     clustered = max(estimate.discrepancy.factor**2 * clustered, 1.0)
     values = []
     for index, number in enumerate(numbers):
+        size, value = number.deviation, value_of(robot, BY_NAME[number.name])
+        stated = {"label": number.label, "value": float(numbers_of(value)[number.place]), "deviation": size}
         step, step_error, degrees = own_estimate(joint, kept, index, clustered=clustered)
-        value = float(numbers_of(value_of(robot, BY_NAME[number.name]))[number.place])
-        values.append(
-            FileValue(
-                label=number.label,
-                value=value,
-                deviation=number.deviation,
-                own=value + number.deviation * step,
-                own_error=number.deviation * step_error,
-                degrees=degrees,
-            )
-        )
+        own = {"own": stated["value"] + size * step, "own_error": size * step_error, "degrees": degrees}
+        values.append(FileValue(**stated, **own))
     torque = np.array([number.deviation if number.name == _TORQUE else 0.0 for number in numbers])
     return FileErrors(
         added=response @ R @ response.T,
-        with_torque=response @ R @ torque,
-        torque_deviation=float(torque.sum()),
+        torque=(float(torque.sum()), response @ R @ torque),
         values=tuple(values),
     )
 

@@ -383,14 +383,8 @@ def _result(
     wrong = tuple(item.text.removesuffix(".") for item in of_file if item.severity == "error")
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
-    with_torque = (by_file.with_torque * coordinates.slopes(estimate.finished.point))[coordinates.first]
     found = found_robot(
-        robot,
-        layout,
-        uncertainty,
-        torque=(by_file.torque_deviation, with_torque),
-        log_count=len(logs),
-        asymmetric=asymmetric,
+        robot, layout, uncertainty, torque=by_file.torque, log_count=len(logs), asymmetric=asymmetric
     )
     covariance = uncertainty.correlation * np.outer(errors, errors)
     balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)

@@ -51,8 +51,8 @@ def found_robot(
 ) -> Robot:
     """Return the robot with friction and rigid body from an estimate; its sources state the standard errors.
 
-    `torque` is the standard deviation of the torque constant, and the covariance (p,) of the estimates with it: a robot
-    file has both, because what is compensated depends on a friction in the torques that are commanded.
+    `torque` is the torque constant's deviation and its covariance with the scaled estimate (p,), both for the file:
+    what is compensated is a friction in the torques that are commanded.
 
     Gains, offsets, delays and biases are only in the result: a robot file has no such numbers. With the laws
     "asymmetric" and "directed" the offsets are friction.
@@ -70,15 +70,18 @@ def found_robot(
 
     def robot_of(parameters: Floats) -> Robot:
         found = layout.robot_of(robot, parameters[:-1], asymmetric=asymmetric)
-        return found.replace({_TORQUE: float(parameters[-1])})
+        # a resistance without an error may be any that the ball does not overcome
+        arm = (found if "friction.pivoting" in sources else robot).friction.pivoting
+        return found.replace({_TORQUE: float(parameters[-1]), "friction.pivoting": arm})
 
-    (deviation, with_torque), covariance = torque, uncertainty.correlation * np.outer(errors, errors)
-    joint = np.block([[covariance, with_torque[:, None]], [with_torque, np.square(deviation)]])
-
+    (deviation, scaled), space = torque, uncertainty.coordinates
+    joint_values = np.array([*values, robot.drive.torque_constant])
+    joint = np.pad(uncertainty.correlation * np.outer(errors, errors), (0, 1))
+    joint[-1] = joint[:, -1] = [*(scaled * space.slopes(uncertainty.point))[space.first], deviation**2]
     return with_uncertainty(
-        layout.robot_of(robot, values, asymmetric=asymmetric).annotated(sources={**robot.sources, **sources}),
+        robot_of(joint_values).annotated(sources={**robot.sources, **sources}),
         robot_of,
-        np.append(values, robot.drive.torque_constant),
+        joint_values,
         joint,
         names=[*sources, *([_TORQUE] if deviation > 0.0 else [])],
         ends=ends_without_error(uncertainty),

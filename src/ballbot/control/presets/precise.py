@@ -49,9 +49,9 @@ MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
 MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
-#: the largest lost torque that is added, over the motors' largest: twice the friction of the nominal scenario's wheels,
-#: and too little to tip the robot by a wrong estimate
-OBSERVED_TORQUE = 1.0 / 12.0
+#: the largest lost torque that is added, over the torque limit: on the presets' robots about three times the friction
+#: of the nominal scenario
+OBSERVED_TORQUE = 0.23
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
@@ -104,6 +104,7 @@ def precise_controller(
     time, integral_gain = chosen.sample_time, chosen.integral_gain
     if time is None or integral_gain is None:
         raise InputError("The precise controller needs a sampled gain with integral action.")
+    limit = catching_torque_limit(robot, known.friction)
     settings = LawSettings(
         robot=known,
         gain=chosen.gain,
@@ -117,15 +118,13 @@ def precise_controller(
         chosen.gain,
         sample_time=time,
         compensation=compensation,
-        torque_limit=catching_torque_limit(robot, known.friction),
+        torque_limit=limit,
         speed_band=settings.speed_band,
         parts=Parts(
             shaping=fastest_shaping(settings),
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=integral_gain),
-            disturbance_observer=DisturbanceObserver(
-                limit=_rounded(OBSERVED_TORQUE * robot.drive.torque_limit)
-            ),
+            disturbance_observer=DisturbanceObserver(limit=_rounded(OBSERVED_TORQUE * limit)),
             lean_limit=LeanLimit(),
         ),
         estimator="kalman",
