@@ -161,11 +161,11 @@ def upside_down() -> Section:
         before=f"Twins of {len(ROBOT_SEEDS)} robots with friction, play and grip of the rollers drawn, "
         f"{UPSIDE_DOWN:g} s each of the ball on the wheels, with torque noise, encoder counts and the camera's noise. "
         "Intervals are those clustered by window. The truth is the drivelines' friction; the losses of the contacts, a "
-        "few per cent of b and half a per cent of c, are estimated beside it. delta is drawn from 0.8 to 2, and held at "
-        f"1, with a standard deviation, on {held} robots, whose held-out windows do not tell it. The bias is the mean of "
-        "estimate over truth less one, with its standard error; then how many 95 % intervals contain the truth, with "
-        "the 95 % interval of that share (Clopper and Pearson), and the median of half their width over the truth, of "
-        "intervals that end on both sides.",
+        "few per cent of b and half a per cent of c, are estimated beside it. delta is drawn from 0.8 to 2, and held "
+        f"at 1, with a standard deviation, on {held} robots, whose held-out windows do not tell it. The bias is the "
+        "mean of estimate over truth less one, with its standard error; then how many 95 % intervals contain the "
+        "truth, with the 95 % interval of that share (Clopper and Pearson), and the median of half their width over "
+        "the truth, of intervals that end on both sides.",
         columns=["", "bias", "truth within", "share", "half width"],
         rows=rows,
         after=f"Called usable: {sum(usable for _, usable in balls)} of {len(ROBOT_SEEDS)}.",
