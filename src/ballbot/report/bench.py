@@ -274,8 +274,8 @@ def driveline_report(
                 Paragraph(words),
                 Sheet(("parameter", "unit", *wheels), parameter_rows(fits), "With 95 % intervals."),
                 Paragraph(
-                    "`robot.toml` has b, c and s of each wheel and the means of v_s and delta: the friction of motor and gear. "
-                    "That of balancing has other losses too; `ballbot identify` finds it from logs, and compares."
+                    "`robot.toml` has b, c and s of each wheel and the means of v_s and delta: of motor and gear. "
+                    "The friction of balancing has other losses too; `ballbot identify` finds it, and compares."
                 ),
                 drawn_picture("curve", curves, curve_figure, laws, sweeps[0].limit),
             ),
