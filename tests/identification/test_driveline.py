@@ -61,6 +61,21 @@ def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
         assert fit.rmse_without > 20.0 * fit.rmse
 
 
+@pytest.mark.slow
+def test_delta_is_estimated_from_a_wheel_that_often_starts_and_stops():
+    t = np.arange(6000) * SAMPLE_TIME
+    torque = 0.16 * np.sin(2.0 * np.pi * t / 2.1) + 0.05 * np.sin(2.0 * np.pi * t / 0.37)
+    line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.04, 0.8, 2.0])))
+    motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME)
+    speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
+    counted = np.floor(angle / 1e-4) * 1e-4
+    sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=100.0, inertia=0.003, angle=counted)
+    fit = fit_driveline(sweep)
+    # without noise but for encoder counts, to some per mille
+    np.testing.assert_allclose(fit.values[2:], [0.04, 0.8, 2.0], rtol=0.01)
+    assert all(finding.code != "exponent" for finding in fit.findings)
+
+
 @pytest.mark.parametrize(("delta", "of_file"), [(1.0, "assumed: the sweep"), (1.4, "identified: a sweep")])
 def test_a_robot_file_has_the_mean_shape_of_its_wheels_with_the_errors_of_one(delta, of_file):
     fits = [
