@@ -143,8 +143,11 @@ def packages_of(path: Path) -> set[str]:
         top, _, rest = (module or "").partition(".")
         if top == "ballbot" and (ROOT / "src" / "ballbot" / rest.partition(".")[0]).is_dir():
             packages.add(rest.partition(".")[0])
-        elif top in ("campaigns", "tests") and rest not in ("section", path.stem):
-            packages |= packages_of(ROOT / top / f"{rest.replace('.', '/')}.py")
+        elif top in ("campaigns", "tests"):
+            module = ROOT / top / rest.replace(".", "/")
+            names = [name.name for name in node.names] if module.is_dir() else [f"../{module.name}"]
+            files = [(module / f"{name}.py").resolve() for name in names]
+            packages |= set().union(*(packages_of(f) for f in files if f.stem not in ("section", path.stem)))
     return packages - {"", *_EVERYWHERE}
 
 

@@ -113,9 +113,10 @@ ROLLING = 0.2
 #: exp(z^2): one alone hardly counts, three decide. Against the truth none of 137 variants of the campaign has more than
 #: one, nor a course robot's log more than a half
 STILL_HEADING, STILL_WEIGHT = 0.02, 0.3
-#: standard errors by which a frame that stands still explains the lean better than one that turns by the wheels'
-#: heading: the ball spins, and that is no heading. On 28 logs without a yaw 11 or more where it spins, else below 1. As
-#: many decide the direction in which all wheels count: by 2.5 it was wrong once
+#: how far the IMU may turn in a log without a yaw, over the heading that the wheels give if the ball does not spin
+BY_WHEELS = (1.0, -1.0, 0.5, -0.5, 0.0)
+#: standard errors by which the lean is better explained by less than that heading: the ball spins. As many decide the
+#: direction in which all wheels count: by 2.5 it was wrong once
 SURELY = 3.0
 #: logarithm of the odds of the largest confidence
 MOST_ODDS = math.log(MOST / (1.0 - MOST))
@@ -231,7 +232,7 @@ def lean_test(
     sigmas = (1.0, -1.0)
     if heading is None:  # that which the wheels give, as the likeliest placement without one has them
         ranked, _ = _ranked_placements(robot, law, None, weights, gamma)
-        law, sigmas = replace(law, heading=heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
+        law, sigmas = replace(law, heading=heading_of(robot, wheels, ranked[0])), BY_WHEELS
     laws = [replace(law, sigma=sigma) for sigma in sigmas]
     law = min(laws, key=lambda law: float(law.left(weights).sum()))
     weights, _ = _weights(law, usable)
@@ -250,8 +251,9 @@ def lean_test(
     rest = driven - columns @ _solve(columns, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
-    still, same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (0.0, 1.0, -1.0))
-    spins = heading is None and advantage(still, min(same, opposite, key=np.sum), weights) > SURELY
+    same, opposite, *slower = (replace(law, sigma=sigma).left(weights) for sigma in BY_WHEELS)
+    turns, turns_less = min(same, opposite, key=np.sum), min(slower, key=np.sum)
+    spins = heading is None and advantage(turns_less, turns, weights) > SURELY
     turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
