@@ -45,9 +45,6 @@ WINDOWS_PER_PARAMETER = 2
 LEAST_VARIATION = 0.1
 #: least root mean square of a motor's torque, and of its change from row to row [N m]
 LEAST_TORQUE = 5e-3
-#: least share of the heading's turning by which the ball pivots: wheels and ball whose radii are known to 1 %, and a
-#: tilt, may show half of it; and least share over its standard error, one case in a thousand
-_LEAST_PIVOTING, _CERTAIN = 0.03, 3.1
 #: quantities that need a wheel to turn
 _OF_WHEEL = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
 #: quantities, the states that they affect, the least root mean square of these over the windows, and what is lacking
@@ -75,9 +72,12 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
 
 
 def check_excitation(
-    windows: Windows, robot: Robot, coordinates: Coordinates
+    windows: Windows, robot: Robot, coordinates: Coordinates, *, logs: Sequence[Log] = ()
 ) -> tuple[Bools, tuple[Finding, ...]]:
-    """Return which free parameters (p,) the logs cannot determine, and why; InputError if they determine none."""
+    """Return which free parameters (p,) the logs cannot determine, and why; InputError if they determine none.
+
+    Whether the ball pivots is seen in the whole `logs`.
+    """
     if not np.any(windows.torques):
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
@@ -92,7 +92,7 @@ def check_excitation(
     names, labels = np.array(coordinates.names), np.array(coordinates.labels)
     of_wheels = np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])
     refused, findings = np.zeros(len(labels), dtype=bool), []
-    for quantities, wheel, reason in _reasons(windows, speeds, turning):
+    for quantities, wheel, reason in _reasons(windows, speeds, turning, logs, robot):
         rows = np.isin(names, quantities) & coordinates.free & ~refused
         if wheel:
             rows &= of_wheels & np.char.endswith(labels, str(wheel))
@@ -107,7 +107,9 @@ def check_excitation(
     return refused, tuple(findings)
 
 
-def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple[tuple[str, ...], int, str]]:
+def _reasons(
+    windows: Windows, speeds: Floats, turning: Bools, logs: Sequence[Log], robot: Robot
+) -> Iterator[tuple[tuple[str, ...], int, str]]:
     """Yield quantities that the windows do not determine, the wheel from 1 (0 for all), and the reason."""
     torque = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
     mean, spread = speeds.mean(axis=(0, 1)), speeds.std(axis=(0, 1))
@@ -124,12 +126,13 @@ def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple
     if change < LEAST_TORQUE:
         text = f"The torques change by only {change:.2g} N m per row; add steps to the reference"
         yield ("delay",), 0, text
-    rate, spin = windows.initial[:, STATE_NAMES.index("psi_dot")], windows.spin
-    turned, pivoted = float(rate @ rate), float(spin @ rate)
-    share = pivoted / turned if turned > 0.0 else 0.0
-    error = float(np.linalg.norm(rate * (spin - share * rate))) / max(turned, 1e-300)
-    if not share > max(_LEAST_PIVOTING, _CERTAIN * error):
-        text = f"The ball pivots by {share:.2g} +- {error:.2g} of the turning of the heading, which may be nothing"
+    turning = [means for log in logs if (means := _turning(log, robot, PIVOTING_MEAN)) is not None]
+    turned, pivoted = (math.sqrt(sum(float(part[k] @ part[k]) for part in turning)) for k in (0, 1))
+    if not pivoted > (1.0 - LARGEST_SHARE) * turned:
+        share = 100.0 * pivoted / turned if turned else 0.0
+        text = (
+            f"The ball pivots by {share:.2g} % of the heading's turning, which play and rollers may show too"
+        )
         yield ("pivoting",), 0, text
     for name, states, least, unit, words in _MOTIONS:
         columns = [STATE_NAMES.index(state) for state in states]
@@ -174,6 +177,8 @@ def chatter_findings(log: Log, robot: Robot, name: str) -> list[Finding]:
 
 #: the share is estimated from means over so many seconds, which average out encoder noise
 HEADING_MEAN = 0.1
+#: over so many seconds play and rollers, whose angles are bounded, average out
+PIVOTING_MEAN = 1.0
 #: least root mean square turning rate of the heading [rad/s]; less is noise
 LEAST_TURNING = 0.03
 #: a share between these is reported; a smaller one is from wheels that count backwards, which `ballbot check-log`
@@ -182,18 +187,22 @@ LARGEST_SHARE, SMALLEST_SHARE = 0.8, -0.3
 HEADING = ("psi", "psi_dot")
 
 
-def share_shown(log: Log, robot: Robot) -> float | None:
-    """Return the share of the heading's turning that shows in the wheels; None if the log does not determine it."""
+def _turning(log: Log, robot: Robot, seconds: float) -> tuple[Floats, Floats] | None:
+    """Return means of the heading's rate and the ball's spin (k,) [rad/s] over so long; None if it is not shown."""
     if not {*wheel_speed_names(robot.wheel_count), *STATE_NAMES} <= set(log.names) or len(log) < 2:
         return None
     rate, spin = log["psi_dot"], ball_spin(log, robot)
     known = np.isfinite(rate) & np.isfinite(spin)
-    rows = max(1, round(HEADING_MEAN / log.sample_time))
+    rows = max(1, round(seconds / log.sample_time))
     count = int(known.sum()) // rows
     rate, spin = (part[known][: count * rows].reshape(count, rows).mean(axis=1) for part in (rate, spin))
-    if len(rate) < 2 or np.sqrt((rate**2).mean()) < LEAST_TURNING:
-        return None
-    return float((rate - spin) @ rate / (rate @ rate))
+    return None if len(rate) < 2 or np.sqrt((rate**2).mean()) < LEAST_TURNING else (rate, spin)
+
+
+def share_shown(log: Log, robot: Robot) -> float | None:
+    """Return the share of the heading's turning that shows in the wheels; None if the log does not determine it."""
+    turning = _turning(log, robot, HEADING_MEAN)
+    return None if turning is None else 1.0 - float(turning[1] @ turning[0] / (turning[0] @ turning[0]))
 
 
 def heading_findings(

@@ -285,7 +285,7 @@ def prepare(
     fit_rows, held_rows = split_in_time(windows.spans, held)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fitted = windows.take(fit_rows)
-    refused, findings = check_excitation(fitted, robot, coordinates)
+    refused, findings = check_excitation(fitted, robot, coordinates, logs=logs)
     speeds = np.abs(wheel_speeds(predictor, fitted)).mean(axis=(1, 2))
     order = np.argsort(np.argsort(speeds, kind="stable"), kind="stable")
     return Prepared(

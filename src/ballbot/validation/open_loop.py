@@ -93,9 +93,8 @@ class OpenLoop(Comparison):
             return "Reason: the errors of both models are below what any sensor of a robot resolves."
         share = self.noise_floor[index] / self.errors.rmse[0, index]
         verdict = self.errors.verdicts()[index]
-        rigid = [
-            replace(model, pivoting=None) for model in self.models.both
-        ]  # at rest nothing turns the ball
+        # at rest nothing turns the ball
+        rigid = [replace(model, pivoting=None) for model in self.models.both]
         own, other = (float(model.linearize().poles()[0].real) for model in rigid)
         caused = f"the noise of the measured start alone causes {100 * share:.0f} % of the error"
         if share > _NOISE_SHARE and verdict == "worse" and other < _SLOWER * own:
