@@ -138,9 +138,8 @@ _MARK = re.compile(r" \*\*Stale\*\*: .*")
 def packages_of(path: Path) -> set[str]:
     """Return the packages that a file, and what it imports of campaigns and tests, import by themselves."""
     tree, packages = ast.parse(path.read_text(encoding="utf-8")), set[str]()
-    for node in ast.walk(tree):
-        module = node.module if isinstance(node, ast.ImportFrom) else ""
-        top, _, rest = (module or "").partition(".")
+    for node in (found for found in ast.walk(tree) if isinstance(found, ast.ImportFrom)):
+        top, _, rest = (node.module or "").partition(".")
         if top == "ballbot" and (ROOT / "src" / "ballbot" / rest.partition(".")[0]).is_dir():
             packages.add(rest.partition(".")[0])
         elif top in ("campaigns", "tests"):
