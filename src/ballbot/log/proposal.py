@@ -83,9 +83,9 @@ OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "ro
 #: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares; of 18
 #: logs with one the torques are off by 0.6 to 0.92 of that, so that the first is a fifth of their size
 LARGEST_BAND, NOTABLE_BAND = 0.22, 0.1
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 9): of a sine of fewer than 9
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): of a sine of fewer than 8
 #: rows a period neither the time at which a torque acts nor the back-EMF is known
-MOST_CHANGE = 0.234
+MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
