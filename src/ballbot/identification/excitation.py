@@ -126,8 +126,8 @@ def _reasons(
     if change < LEAST_TORQUE:
         text = f"The torques change by only {change:.2g} N m per row; add steps to the reference"
         yield ("delay",), 0, text
-    turning = [means for log in logs if (means := _turning(log, robot, PIVOTING_MEAN)) is not None]
-    turned, pivoted = (math.sqrt(sum(float(part[k] @ part[k]) for part in turning)) for k in (0, 1))
+    parts = [means for log in logs if (means := _turning(log, robot, PIVOTING_MEAN)) is not None]
+    turned, pivoted = (math.sqrt(sum(float(part[k] @ part[k]) for part in parts)) for k in (0, 1))
     if not pivoted > (1.0 - LARGEST_SHARE) * turned:
         share = 100.0 * pivoted / turned if turned else 0.0
         text = (
