@@ -176,7 +176,7 @@ def stranger(seed: int, number: int) -> Stranger:
             gyro_bias=factor(2e-4, 2e-3),
             gyro_bias_walk=1e-5,
             lean_error=math.radians(between(0.1, 0.6)),
-            lean_error_time=1e6,  # as good as constant
+            lean_error_time=1e6,  # constant over any run
             latency=between(0.0, 0.005),
         ),
     )

@@ -89,7 +89,7 @@ def _continues(table: Mapping[str, Floats], apart: Bools) -> bool:
 
 
 def _usual_step(t: Floats) -> float:
-    """Return the median of the steps forward of times (N,); zero if there is none."""
+    """Return the median time by which rows (N,) move forward; zero if none does."""
     steps = np.diff(t)
     return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
 

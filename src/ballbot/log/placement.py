@@ -172,7 +172,7 @@ class LeanTest:
     phase_error: float | None  #: standard error of the best one's phase [rad]; None with too few blocks
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading; 0 if that is none
+    #: standard errors by which sigma = 1 is better than -1, by the yaw or the wheels' heading; 0 without either
     handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
