@@ -32,6 +32,7 @@ from ballbot.log.mapping_search.commands import (
     assumed_resistance,
     drive_of,
     likely_dead_band,
+    nearest_scale,
     needs_of,
     turned_by,
 )
@@ -80,12 +81,12 @@ LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
 LEAST_KEPT = 0.2
 #: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
-#: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares; of 18
-#: logs with one the torques are off by 0.6 to 0.92 of that, so that the first is a fifth of their size
-LARGEST_BAND, NOTABLE_BAND = 0.22, 0.1
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): of a sine of fewer than 8
+#: a likely dead band that is not stated, or another full scale, is asked for, or the first reported, if it changes the
+#: torques by these shares; of 19 logs with a band the torques are off by 0.7 to 1.1 of that
+LARGEST_BAND, NOTABLE_BAND = 0.18, 0.08
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 9): of a sine of fewer than 9
 #: rows a period neither the time at which a torque acts nor the back-EMF is known
-MOST_CHANGE = 0.3
+MOST_CHANGE = 0.234
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
@@ -467,18 +468,12 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
         wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
-        evidence = (
-            f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
-            "size, because wheels turn against their duties"
-        )
-        if off > LARGEST_BAND and not refusal:
-            answers = f"{band:.2g}", "0, if the firmware adds none"
-            question = Question(_BAND_KEY, "dead band of the firmware", answers, evidence)
-            proposal, log = replace(proposal, questions=(*proposal.questions, question)), None
-            refusal = _refusal(proposal)
-        elif off > NOTABLE_BAND:
-            findings.append(warning("dead-band", f"No dead band is stated: {evidence}."))
+        if isinstance(drive, DutyTable):
+            unstated, remarks = _unstated(proposal, log, drive)
+            findings += remarks
+            if unstated and not refusal:
+                proposal, log = replace(proposal, questions=(*proposal.questions, *unstated)), None
+                refusal = _refusal(proposal)
     if proposal.tested is not None:
         disturbance = proposal.tested.disturbance
         findings += judged("disturbance", [], disturbance, times=disturbance)
@@ -494,11 +489,33 @@ def mapped(proposal: Proposal) -> tuple[Log, InputTable | None]:
     return (with_odometry(log, proposal.robot) if proposal.roles.attitude else log), mapping.input
 
 
+def _unstated(proposal: Proposal, log: Log, drive: DutyTable) -> tuple[list[Question], list[Finding]]:
+    """Return what is asked of the duty because it would change the torques of a log, and what is reported."""
+    band, by_band = likely_dead_band(log, proposal.robot, drive)
+    scale, by_scale = nearest_scale(proposal.base, log, drive)
+    answers = f"{band:.2g}", "0, if the firmware adds none"
+    evidence = (
+        f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * by_band:.0f} % of their "
+        "size, because wheels turn against their duties"
+    )
+    asked, reported = [], []
+    if by_band > LARGEST_BAND:
+        asked.append(Question(_BAND_KEY, "dead band of the firmware", answers, evidence))
+    elif by_band > NOTABLE_BAND:
+        reported.append(warning("dead-band", f"No dead band is stated: {evidence}."))
+    if by_scale > LARGEST_BAND:
+        evidence = f"by {scale} the torques are {100.0 * by_scale:.0f} % of their size apart"
+        answers = f"{1.0 / drive.scale:.0f}", scale
+        asked.append(Question("[input] scale", "full scale of the duty", answers, evidence))
+    return asked, reported
+
+
 def _too_coarse(log: Log) -> str:
     """Return why the rows of a log are too far apart for its torques; empty if they are not."""
     u = log.torques if "u1" in log else np.zeros((2, 1))
-    power = 2.0 * float(np.var(u, axis=0).sum())
-    share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    power, change = 2.0 * float(np.var(u, axis=0).sum()), np.diff(u, axis=0)
+    usual = np.clip(change, *np.quantile(change, (0.01, 0.99), axis=0))  # a few at full duty say nothing
+    share = float(np.var(usual, axis=0).sum()) / power if power > 0.0 else 0.0
     if share <= MOST_CHANGE:
         return ""
     return (

@@ -64,7 +64,7 @@ FULL_SCALE_FITS = 0.35
 #: a dead band as firmware has it [of full duty], and as a part of the dry friction that the log shows besides: with
 #: both, each of 10 logs of the campaign whose torques one made wrong by more than a fifth is asked for, none of 9
 #: without one, and none of 35 with one that changed less
-LEAST_BAND, BAND_OF_FRICTION = 0.01, 0.31
+LEAST_BAND, BAND_OF_FRICTION = 0.008, 0.31
 #: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {kind: FACTORS[unit] for kind, unit in UNIT_OF_INPUT.items()}
 
@@ -205,6 +205,20 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, f
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
     return likely, likely * full * float((against.std(axis=0) / sizes_of(torque)).max())
+
+
+def nearest_scale(base: Columned, log: Log, drive: DutyTable) -> tuple[str, float]:
+    """Return the other full scale of the duty that is nearest to a mapping's, and what it would change.
+
+    It would change the torques by that share of their size: little duty is left where the back-EMF takes most of it.
+    """
+    near = [scale for scale in _scales("duty", base).values() if 0.0 < abs(scale / drive.scale - 1.0) < 0.2]
+    if not near:
+        return "", 0.0
+    other = min(near, key=lambda scale: abs(scale / drive.scale - 1.0))
+    duty = log.torques + drive.back_emf(assumed_resistance(base.robot.drive)) * log.wheel_speeds
+    share = float((duty.std(axis=0) / sizes_of(log.torques)).max())
+    return f"{1.0 / other:.0f}", abs(other / drive.scale - 1.0) * share
 
 
 def assumed_resistance(motor: Drive) -> float:
