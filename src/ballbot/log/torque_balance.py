@@ -327,10 +327,10 @@ def together(gains: Sequence[Gains]) -> Gains:
 
 # --- which command drives which wheel ---
 
-#: assignments whose torques differ by less than this part of their size count as one: with another error of 0.13 of it
+#: assignments whose torques differ by less than this part of their size count as one: with another error of 0.09 of it
 #: torques are still off by no more than they may be, 0.2. A wheel's counts as at least this part of all wheels' (root
 #: mean square)
-SAME_TORQUES, LEAST_TORQUE = 0.15, 0.5
+SAME_TORQUES, LEAST_TORQUE = 0.18, 0.5
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
@@ -384,7 +384,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     probability = posterior([min(probability_of_order, usual[least]) for probability_of_order in usual], odds)
     torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
-    size = SAME_TORQUES * sizes_of(likeliest)
+    size = SAME_TORQUES * sizes_of(likeliest - _by_speed(driving, likeliest))
     alike = [h for h, u in torques.items() if np.all(np.std(u - likeliest, axis=0) <= size)]
     best = max(alike, key=lambda h: usual[h])
     other = next((h for h in probability if h not in alike), best)
@@ -404,6 +404,13 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
 def sizes_of(torques: Floats) -> Floats:
     """Return the size (n,) of each wheel's torque (N, n), of which an error of it is a part."""
     return np.maximum(torques.std(axis=0), LEAST_TORQUE * np.sqrt(torques.var(axis=0).mean()))
+
+
+def _by_speed(driving: Driving, u: Floats) -> Floats:
+    """Return what of the wheels' commands (N, n) goes with their speeds: of duties, mostly the back-EMF."""
+    speed = driving.friction[:, :, 1]
+    terms = np.column_stack([speed.ravel(), driving.needed.ravel(), driving.friction[:, :, 0].ravel()])
+    return max(float(np.linalg.lstsq(terms, u.ravel(), rcond=None)[0][0]), 0.0) * speed
 
 
 def _usual(wheels: _Order, counted: Sequence[int]) -> float:
