@@ -77,10 +77,10 @@ def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
     assert main(words_for(folder, "bare.txt", "--columns", "t,roll")) == 2
 
 
-def test_several_logs_of_one_robot_give_one_mapping(folder):
-    out = folder / "several"
-    words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty", "--out", str(out))
+def test_the_mapping_of_one_log_reads_another_of_the_same_robot(folder, capsys):
     (folder / "again.txt").write_text((folder / "run.txt").read_text())
+    words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty")
     assert main(words) == 0
-    assert len(json.loads((out / "results.json").read_text())["files"]) == 2
-    assert "keep" not in (out / "mapping.toml").read_text()
+    assert "again.txt: balancing" in capsys.readouterr().out
+    assert main([*words, "--out", str(folder / "several")]) == 2
+    assert "--out takes one log" in capsys.readouterr().err

@@ -440,22 +440,8 @@ def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -
     yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
-def surest(evaluated: Sequence[Proposal]) -> Proposal:
-    """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-    margins = [proposal.tested.margin if proposal.tested else 0.0 for proposal in evaluated]
-    doubts = [len(proposal.questions) + bool(proposal.refusal) for proposal in evaluated]
-    return evaluated[min(range(len(evaluated)), key=lambda k: (doubts[k], -margins[k]))]
-
-
-def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
-    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
-
-    `common`, the surest of several logs of the same robot, gives the mapping, but for this log's own times.
-    """
-    if common is not None:
-        base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
-        answers = replace(proposal, frame=common.frame, drive=common.drive, questions=common.questions)
-        proposal = replace(answers, base=base, keep=None)
+def evaluate(proposal: Proposal) -> Proposal:
+    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot."""
     robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
     drive = None
     if not refusal:

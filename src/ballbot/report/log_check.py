@@ -157,8 +157,8 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: bool) -> Result:
-    """Return the page of the mapping proposed for foreign files, from the surest of them; `kept`: it was written."""
+def proposal_report(proposal: Proposal, *, kept: bool) -> Result:
+    """Return the page of the mapping proposed for a foreign file; `kept`: it was written."""
     file, robot = proposal.base.path, proposal.robot
     verdict = (
         proposal.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
@@ -177,7 +177,7 @@ def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: 
         findings=proposal.findings,
         accepted=False,
         data={
-            "files": [_proposal_data(candidate) for candidate in evaluated],
+            "files": [_proposal_data(proposal)],
             **({} if kept else {"mapping_file": proposal.text}),
         },
     )
