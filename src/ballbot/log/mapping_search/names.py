@@ -225,29 +225,24 @@ def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     return ("wheel angle", 0.65) if present & (angle | {"wheel", "wheels", "whl"}) else ("other", 0.0)
 
 
-def unit_in_name(name: str) -> str | None:
-    """Return the unit that a column's name has, or is, as `UNITS` has it or brackets at its end; None if it has none.
+def stated_unit(name: str, units: Mapping[str, str]) -> str | None:
+    """Return the unit, a key of `UNITS`, of a column by the row of units below the names, or by its name; else None.
 
-    A single letter at the end does not count as a unit: position_m may be the motor's.
+    The name has it in brackets at its end, or as `UNITS` spells it; a single letter at the end does not count as a
+    unit: position_m may be the motor's.
 
-    >>> [unit_in_name(name) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
+    >>> [stated_unit(name, {}) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
     ['rpm', 'rpm', 'deg', 'kN', None, None]
     """
     bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", name)
-    if bracketed:
-        return unit_spelled(bracketed.group(1)) or bracketed.group(1).strip() or None
+    if given := units.get(name, "").strip("[](){}<> ") or (bracketed[1].strip() if bracketed else ""):
+        unit = unit_spelled(given) or given
+        return unit if unit in UNITS else None
     parts = re.split(r"[^\w/%°²]|_", name)
     before, unit = unit_at_the_end(["", *parts])
     if unit is None:
         return _words_and_unit(name)[1]
     return unit if len("".join(parts[len(before) - 1 :])) > 1 else None
-
-
-def stated_unit(name: str, units: Mapping[str, str]) -> str | None:
-    """Return the unit, a key of `UNITS`, of a column by the row of units below the names or by its name; else None."""
-    row = units.get(name, "").strip("[](){}<> ")
-    unit = unit_in_name(f"[{row}]" if row else name)
-    return unit if unit in UNITS else None
 
 
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
