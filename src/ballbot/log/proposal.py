@@ -339,7 +339,8 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
             for kind, (_, times) in drive.ratios.items()
             if math.isfinite(times)
         )
-        yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
+        shown = f"state it with --command{shown and f'; {shown}'}"
+        yield Question("[input] kind", "kind of the command", KINDS, shown)
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
         known = zip(drive.scales, drive.misfits, strict=True)
@@ -656,7 +657,7 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
 
 
 def _input_lines(proposal: Proposal) -> list[str]:
-    names, drive, order, robot = proposal.roles.commands, proposal.drive, proposal.frame.order, proposal.robot
+    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
     if not names:
         return []
     columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
@@ -666,15 +667,9 @@ def _input_lines(proposal: Proposal) -> list[str]:
         evidence = f"the motion explains {100.0 * drive.assigned.explained:.0f} % of them, {better}"
         for j, (wheel, sign) in enumerate(zip(drive.assigned.wheels, drive.assigned.signs, strict=True)):
             columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], sign
-    kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else ("torque", 1.0, math.nan)
+    kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else (None, 1.0, math.nan)
     known = f"{ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-    band = next((question.answers[0] for question in proposal.questions if question.key == _BAND_KEY), None)
-    lines = _kind_lines(kind or "torque", scale, robot, known, band=band)
-    if drive and kind is None:
-        lines[0] = _line("kind", "torque", "not stated")
-        for other, (other_scale, _) in drive.ratios.items():
-            lines.append(f"# if it is a {other}, these lines in place of the three above:")
-            lines += [f"#   {line}" for line in _kind_lines(other, other_scale, robot)]
+    lines = [_line("kind", kind or "torque"), _line("scale", scale, known), *_motor_lines(proposal, kind)]
     if any(question.key == "[input] zero" for question in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
@@ -684,22 +679,21 @@ def _input_lines(proposal: Proposal) -> list[str]:
     return [*lines, _line("from", columns), _line("sign", signs, evidence), _line("delay", delay, reason)]
 
 
-def _kind_lines(
-    kind: InputKind, scale: float, robot: Robot, known: str = "", *, band: str | None = None
-) -> list[str]:
-    """Return the lines of [input] that depend on the kind of the command; `known` is the reason of the scale."""
-    drive, source = robot.drive, "from the robot file"
-    lines = [_line("kind", kind), _line("scale", scale, known)]
+def _motor_lines(proposal: Proposal, kind: InputKind | None) -> list[str]:
+    """Return the lines of [input] on the motors, which a command of this kind needs."""
+    drive, source = proposal.robot.drive, "from the robot file"
     motor = [_line(key, getattr(drive, key), source) for key in ("torque_constant", "gear_ratio")]
-    if kind in ("torque", "current"):
-        return lines + (motor if kind == "current" else [])
+    if kind not in ("voltage", "duty"):
+        return motor if kind == "current" else []
     dead_band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
     if kind == "voltage":
         dead_band = _line("dead_band", 0.0, "a voltage has none")
-    elif band is not None:
-        dead_band = _line("dead_band", float(band), "an estimate; 0 if the firmware adds none")
+    for question in proposal.questions:
+        if question.key == _BAND_KEY:
+            dead_band = _line(
+                "dead_band", float(question.answers[0]), "an estimate; 0 if the firmware adds none"
+            )
     return [
-        *lines,
         dead_band,
         _line("supply_voltage", drive.supply_voltage, source),
         *motor,
