@@ -321,7 +321,8 @@ class LogMapping:
         sources = {}
         for name, entry in self.columns.items():
             if entry.source is not None:
-                unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
+                with about(f"[columns] {name}"):
+                    unit = factor_to(unit_of(name), entry.unit, counts_per_turn=entry.counts_per_turn)
                 factor, offset = entry.sign * entry.scale * unit, entry.offset
                 sources[name] = Source(column=entry.source, factor=factor, offset=offset, delay=entry.delay)
         for key, of, kind in (("angle", wheel_angle_names, "rad"), ("speed", wheel_speed_names, "rad/s")):
@@ -450,15 +451,7 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
 
 
 #: Ballbot's unit, the file's, which may be one for each column, and an encoder's counts in one turn
-_Unit = tuple[str | None, str | tuple[str, ...] | None, float | None]
-
-
-def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: float | None) -> float:
-    """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
-    if given is None or unit is None:
-        return 1.0
-    with about(where):
-        return factor_to(unit, given, counts_per_turn=counts_per_turn)
+_Unit = tuple[str, str | tuple[str, ...] | None, float | None]
 
 
 def _series(
@@ -489,7 +482,8 @@ def _series(
     directions, sources = each("direction", direction), {}
     for name, number in zip(names, order, strict=False):
         k = number - 1
-        factor = signs[k] * table.scale * _factor(where, unit[0], units[k], unit[2])
+        with about(where):
+            factor = signs[k] * table.scale * factor_to(unit[0], units[k], counts_per_turn=unit[2])
         source = Source(column=table.sources[k], factor=factor, offset=-zeros[k] * factor, delay=table.delay)
         sources[name] = replace(source, direction=directions[k])
     return sources

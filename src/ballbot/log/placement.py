@@ -58,7 +58,6 @@ from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
-    SCALED,
     TINY,
     advantage_confidence,
     behind,
@@ -155,11 +154,6 @@ class HeadingTest:
     correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
-
-    @property
-    def turning(self) -> float | None:
-        """The gain; None if the wheels do not plainly follow the heading."""
-        return self.gain if abs(self.correlation) > SCALED and self.confidence >= CONFIDENT else None
 
 
 @dataclass(frozen=True, kw_only=True)

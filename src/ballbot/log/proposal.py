@@ -166,11 +166,9 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     what = _what(base.roles, motion)
     looks = unread_columns(base.cut, roles)
     if looks:
-        alike = [
-            (look, [name for name in looks if looks[name] == look]) for look in dict.fromkeys(looks.values())
-        ]
-        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in alike)
-        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *looks))
+        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in looks.items())
+        names = [name for alike in looks.values() for name in alike]
+        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *names))
     if motion is None:
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
@@ -191,13 +189,11 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
-    inclined = () if roles.attitude else tuple(name for name, look in looks.items() if look in ATTITUDE_LOOKS)
-    if len(inclined) > 1:
-        evidence = f"they look like {looks[inclined[0]]}; name them by --columns if they are the lean"
-        asked = Question(
-            _LEAN_KEY, "what the log is", (f"with the lean in {', '.join(inclined)}", what), evidence
-        )
-        questions = (asked, *questions)
+    inclined = [] if roles.attitude else [look for look in ATTITUDE_LOOKS if len(looks.get(look, ())) > 1]
+    for look in inclined[:1]:
+        evidence = f"they look like {look}; name them by --columns if they are the lean"
+        answers = f"with the lean in {', '.join(looks[look])}", what
+        questions = (Question(_LEAN_KEY, "what the log is", answers, evidence), *questions)
     return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 

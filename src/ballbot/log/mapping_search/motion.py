@@ -11,7 +11,7 @@ import numpy as np
 
 from ballbot.arrays import Bools, Floats
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, confidence_in
+from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, SCALED, confidence_in
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
     AngleSequence,
@@ -207,7 +207,10 @@ def motion_of_file(base: Columned) -> SensedMotion:
         motion = _with_units(base, raw, wrap, units)
         tested = motion.tested
         gain = tested.placements[0].gain if tested and tested.confidence > 0.5 else None
-        turning = tested.heading.turning if tested and tested.heading else None
+        heading = tested and tested.heading
+        # the wheels may not plainly follow it
+        plain = heading and abs(heading.correlation) > SCALED and heading.confidence >= CONFIDENT
+        turning = heading.gain if heading and plain else None
         likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
     assert motion is not None
     return replace(motion, likely=likely)
@@ -302,10 +305,10 @@ def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | N
     judged = slice(0, REPAIR_ROWS)
     steps = np.diff(t[judged])
     before = speed_noise(t[judged], angles[judged])
-    if before is None or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
+    if math.isnan(before) or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
         return t, None
     after = repaired_noise(t[judged], angles[judged])
-    if after is None or after > WORTH_REPAIRING * before:
+    if not after <= WORTH_REPAIRING * before:
         return t, None
     return sampling_times(t, angles), (before, after)
 

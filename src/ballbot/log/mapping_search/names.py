@@ -441,8 +441,8 @@ ATTITUDE_LOOKS = ("a quaternion", "angles of 0 to 360 degrees")
 _NEAR_ENDS = 0.05
 
 
-def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str]:
-    """Return the columns without a role, each with what its values look like; empty if they do not show it."""
+def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, list[str]]:
+    """Return the columns without a role by what their values look like, which is empty if they do not show it."""
     used = {roles.time, *roles.attitude, *roles.angles, *roles.commands, *roles.gyro, *roles.quaternion}
     rest = {name: values for name, values in columns.items() if name not in used | {*QUATERNION_ANGLES}}
     looks, names = dict[str, str](), list(rest)
@@ -456,7 +456,7 @@ def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str
     for k in range(len(names) - 3):
         if is_quaternion(np.column_stack([rest[name] for name in names[k : k + 4]])):
             looks |= dict.fromkeys(names[k : k + 4], ATTITUDE_LOOKS[0])
-    return looks
+    return {look: [name for name in looks if looks[name] == look] for look in dict.fromkeys(looks.values())}
 
 
 def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
