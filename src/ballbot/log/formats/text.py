@@ -119,7 +119,8 @@ def read_text_table(
             cells = [_value(str(cell), layout) for cell in cells]
             words[:, i] = [cell is None for cell in cells]
         table[:, i] = np.array(cells, dtype=np.float64)  # None becomes NaN
-        if _steps_back_within_a_second(table[:, i]):
+        known = table[np.isfinite(table[:, i]), i]
+        if (np.diff(known) < 0.0).any() and (np.diff(np.floor(known)) >= 0.0).all():
             mark = SEPARATORS[layout.separator]
             stamps = [split_cells(line, mark)[i].replace(",", ".") for line in rows.values()]
             if (times := unpadded_times(stamps)) is not None:
@@ -159,15 +160,6 @@ def read_text_table(
     if not len(table):
         raise InputError(f"{path} has a header and no rows{' of those to take' if layout.rows else ''}.")
     return {names[i]: np.ascontiguousarray(table[:, i]) for i in np.flatnonzero(~omitted)}
-
-
-def _steps_back_within_a_second(values: Floats) -> bool:
-    """Return whether values go back though their whole seconds increase."""
-    known = values[np.isfinite(values)]
-    increase = np.diff(np.floor(known))
-    return bool(
-        (np.diff(known) < 0.0).any() and (increase >= 0.0).all() and increase.any() and known[0] >= 0.0
-    )
 
 
 def _text_of(path: str | Path) -> str:
