@@ -76,8 +76,8 @@ def new_messages(times: Floats) -> Bools:
     return kept
 
 
-def speed_noise(times: Floats, angles: Floats, wheels: int | slice = slice(None)) -> float:
-    """Return the noise [rad/s] of the speeds of wheels from one row to the next, while the wheels turn fast.
+def speed_noise(times: Floats, angles: Floats) -> float:
+    """Return the noise [rad/s] of the wheels' speeds from one row to the next, while they turn fast.
 
     It is the root mean square of speeds minus smooth speeds; nan if too few rows are fast.
     """
@@ -88,17 +88,7 @@ def speed_noise(times: Floats, angles: Floats, wheels: int | slice = slice(None)
     noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
     fast = np.sqrt((between**2).sum(axis=1)) > FAST
     fast &= _has_a_course(times)[1:]
-    return float(np.sqrt((noise[fast, wheels] ** 2).mean())) if fast.sum() >= FEWEST_FAST else np.nan
-
-
-def repaired_noise(t: Floats, angles: Floats) -> float:
-    """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
-
-    With times that it helped to find, the noise of a wheel would be underestimated.
-    """
-    others = (np.delete(angles, wheel, axis=1) for wheel in range(angles.shape[1]))
-    each = [speed_noise(sampling_times(t, rest), angles, wheel) for wheel, rest in enumerate(others)]
-    return float(np.sqrt(np.mean(np.square(each))))
+    return float(np.sqrt((noise[fast] ** 2).mean())) if fast.sum() >= FEWEST_FAST else np.nan
 
 
 def _has_a_course(t: Floats) -> Bools:

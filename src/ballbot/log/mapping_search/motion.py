@@ -35,7 +35,6 @@ from ballbot.log.signals import (
     even_rows,
     frozen_rows,
     new_messages,
-    repaired_noise,
     sampling_times,
     smooth,
     speed_noise,
@@ -307,10 +306,10 @@ def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | N
     before = speed_noise(t[judged], angles[judged])
     if math.isnan(before) or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
         return t, None
-    after = repaired_noise(t[judged], angles[judged])
-    if not after <= WORTH_REPAIRING * before:
-        return t, None
-    return sampling_times(t, angles), (before, after)
+    times = sampling_times(t, angles)
+    # in every row its time takes up the error of one wheel
+    after = speed_noise(times[judged], angles[judged]) / math.sqrt(1.0 - 1.0 / angles.shape[1])
+    return (times, (before, after)) if after <= WORTH_REPAIRING * before else (t, None)
 
 
 def _signals(base: Columned, wheels: Smooth, angles: Smooth | None, rates: Smooth | None) -> Signals:
