@@ -504,9 +504,8 @@ def apply_mapping(
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
     `changes` gets a finding for each row or column that is omitted or continued, and on a dead band that is not stated.
-    InputError if the file lacks a column
-    that the mapping names, its time does not increase, no row is left, or torques come from duties without the `robot`
-    that has the motors' resistance.
+    InputError if the file lacks a column that the mapping names, its time does not increase, no row is left, or torques
+    come from duties without the `robot` that has the motors' resistance.
     """
     resistance = motor_resistance(mapping, robot)
     changes, notes = [] if changes is None else changes, list[str]()
