@@ -51,8 +51,8 @@ IMPOSSIBLE_SPEED = 3.0
 #: filters that the tests of the lean and of the gyro try [s]: the wheels of light robots move quickly, and encoders of
 #: heavy ones are coarse
 WIDTHS = (0.05, 0.12, 0.2)
-#: times are repaired if that leaves less than this part of the speed's noise, judged by so many rows
-WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
+#: times are repaired if that leaves less than this part of the speed's noise
+WORTH_REPAIRING = 0.7
 #: rows whose intervals differ by less than this part need no repair
 EVEN_TIMES = 0.01
 #: how far the gain of a gyro that follows the rates of the angles may be off [log]
@@ -301,14 +301,12 @@ def _best_tested(robot: Robot, tried: Sequence[Signals]) -> tuple[Signals, LeanT
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:
     """Return when the rows were sampled [s], and the speeds' noise before and after if that was estimated."""
-    judged = slice(0, REPAIR_ROWS)
-    steps = np.diff(t[judged])
-    before = speed_noise(t[judged], angles[judged])
+    steps, before = np.diff(t), speed_noise(t, angles)
     if math.isnan(before) or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
         return t, None
     times = sampling_times(t, angles)
     # in every row its time takes up the error of one wheel
-    after = speed_noise(times[judged], angles[judged]) / math.sqrt(1.0 - 1.0 / angles.shape[1])
+    after = speed_noise(times, angles) / math.sqrt(1.0 - 1.0 / angles.shape[1])
     return (times, (before, after)) if after <= WORTH_REPAIRING * before else (t, None)
 
 
