@@ -44,7 +44,7 @@ def align(
     """
     run = Log.read(log, mapping=mapping, robot=robot)
     cameras = read_motion_capture(mocap, mocap_mapping, accept=accept)
-    findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
+    findings = check_input(None, [log], [run], accept=accept)
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
         with about(f"{log} and {mocap}"):

@@ -25,7 +25,6 @@ def check_input(
     logs: Iterable[Log],
     *,
     accept: Sequence[str] | None,  # the codes of `--accept`
-    mappings: Collection[Path | None] = (),  # the mapping files of the logs
     # whether to print the findings; if not, the command calls `show_findings` when it has printed its result
     show: bool = True,
 ) -> tuple[Finding, ...]:
@@ -34,12 +33,10 @@ def check_input(
     Raise InputError if a log has an error whose code is not accepted, or if a code is unknown.
     """
     from ballbot.log.checks import findings_of
-    from ballbot.log.mapping import dead_band_findings
 
     check_codes(accept or ())
     named = {str(path): log for path, log in zip(paths, logs, strict=True)}
-    findings = [*findings_of(robot, named), *(dead_band_findings(dict.fromkeys(mappings)) if robot else ())]
-    return stop_or_show(findings, accept=accept, others="`ballbot check-log`", show=show)
+    return stop_or_show(findings_of(robot, named), accept=accept, others="`ballbot check-log`", show=show)
 
 
 def checked_robot(

@@ -21,7 +21,6 @@ from ballbot.identification.stages import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.log.mapping import dead_band_findings
 from ballbot.progress import in_stage
 from ballbot.report.axis import axis_report
 from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
@@ -61,7 +60,7 @@ def identify_driveline(
     sweeps = sweeps_of(described, read)
     of_sweep = in_files([(log, sweep_findings(described, sweeps))])
     of_log = bench_findings(described, {str(log): read})
-    findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
+    findings = stop_or_show([*of_log, *of_sweep], accept=accept)
     with open_result(out, doing="sweep", writes=["robot.toml"]) as result:
         fits = [
             fit_driveline(sweep, run=Run(progress=in_stage(result.report, f"wheel {sweep.wheel}")))

@@ -76,32 +76,11 @@ def new_messages(times: Floats) -> Bools:
     return kept
 
 
-def speed_noise(t: Floats, angles: Floats) -> float | None:
-    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
+def speed_noise(times: Floats, angles: Floats) -> float:
+    """Return the noise [rad/s] of the wheels' speeds from one row to the next, while they turn fast.
 
-    It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
+    It is the root mean square of speeds minus smooth speeds; nan if too few rows are fast.
     """
-    noise = _noise_of_speeds(t, angles)
-    return None if noise is None else float(np.sqrt((noise**2).mean()))
-
-
-def repaired_noise(t: Floats, angles: Floats) -> float | None:
-    """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
-
-    With times that it helped to find, the noise of a wheel would be underestimated.
-    """
-    squares = []
-    for wheel in range(angles.shape[1]):
-        times = sampling_times(t, np.delete(angles, wheel, axis=1))
-        noise = _noise_of_speeds(times, angles)
-        if noise is None:
-            return None
-        squares.append((noise[:, wheel] ** 2).mean())
-    return float(np.sqrt(np.mean(squares)))
-
-
-def _noise_of_speeds(times: Floats, angles: Floats) -> Floats | None:
-    """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
     kept = new_messages(times)
     times, angles = times[kept], angles[kept]
     _, speeds = smooth_at(times, angles, width=COURSE_WIDTH)
@@ -109,7 +88,7 @@ def _noise_of_speeds(times: Floats, angles: Floats) -> Floats | None:
     noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
     fast = np.sqrt((between**2).sum(axis=1)) > FAST
     fast &= _has_a_course(times)[1:]
-    return noise[fast] if fast.sum() >= FEWEST_FAST else None
+    return float(np.sqrt((noise[fast] ** 2).mean())) if fast.sum() >= FEWEST_FAST else np.nan
 
 
 def _has_a_course(t: Floats) -> Bools:
