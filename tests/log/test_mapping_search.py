@@ -191,7 +191,7 @@ def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
         columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
     file = write_foreign(tmp_path / "run.txt", columns)
     found = evaluate(propose(file, small_robot(), Stated(command="duty")))
-    assert "from row to row, 10 ms apart" in found.refusal
+    assert "a row every 10 ms" in found.refusal
 
 
 def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):

@@ -84,9 +84,8 @@ OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "ro
 #: a likely dead band that is not stated, or another full scale, is asked for, or the first reported, if it changes the
 #: torques by these shares; of 19 logs with a band the torques are off by 0.7 to 1.1 of that
 LARGEST_BAND, NOTABLE_BAND = 0.18, 0.08
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 9): of a sine of fewer than 9
-#: rows a period neither the time at which a torque acts nor the back-EMF is known
-MOST_CHANGE = 0.234
+#: fewest rows a period of the torques: with fewer, neither the time at which a torque acts nor the back-EMF is known
+LEAST_ROWS = 10.0
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
@@ -494,16 +493,21 @@ def _unstated(proposal: Proposal, log: Log, drive: DutyTable) -> tuple[list[Ques
 
 
 def _too_coarse(log: Log) -> str:
-    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
-    u = log.torques if "u1" in log else np.zeros((2, 1))
-    power, change = 2.0 * float(np.var(u, axis=0).sum()), np.diff(u, axis=0)
-    usual = np.clip(change, *np.quantile(change, (0.01, 0.99), axis=0))  # a few at full duty say nothing
-    share = float(np.var(usual, axis=0).sum()) / power if power > 0.0 else 0.0
-    if share <= MOST_CHANGE:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not.
+
+    The period is that of a sine with the torques' covariances over one and two rows: noise that differs from row to
+    row has none.
+    """
+    u = log.torques - log.torques.mean(axis=0) if "u1" in log else np.zeros((3, 1))
+    once, twice = (float(np.vdot(u[k:], u[:-k])) for k in (1, 2))
+    ratio = twice / once if once > 0.0 else 1.0
+    cosine = 0.25 * (ratio + math.sqrt(ratio * ratio + 8.0))  # of a row's part of the period
+    if cosine >= math.cos(2.0 * math.pi / LEAST_ROWS):
         return ""
+    rows = 2.0 * math.pi / math.acos(cosine)
     return (
-        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
-        "ms apart, which is too coarse to show when they act. Log every control period."
+        f"the torques have a row every {1e3 * log.sample_time:.3g} ms, {rows:.2g} a period, which are too few to show "
+        "when they act. Log every control period."
     )
 
 
