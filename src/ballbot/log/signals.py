@@ -76,13 +76,18 @@ def new_messages(times: Floats) -> Bools:
     return kept
 
 
-def speed_noise(t: Floats, angles: Floats) -> float | None:
-    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
+def speed_noise(t: Floats, angles: Floats, *, of: slice = slice(None)) -> float | None:
+    """Return the noise [rad/s] of the speeds of some of the wheels from one row to the next, while they turn fast.
 
     It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
     """
-    noise = _noise_of_speeds(t, angles)
-    return None if noise is None else float(np.sqrt((noise**2).mean()))
+    kept = new_messages(t)
+    times, angles = t[kept], angles[kept]
+    _, speeds = smooth_at(times, angles, width=COURSE_WIDTH)
+    between = 0.5 * (speeds[1:] + speeds[:-1])
+    noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
+    fast = (np.sqrt((between**2).sum(axis=1)) > FAST) & _has_a_course(times)[1:]
+    return float(np.sqrt((noise[fast, of] ** 2).mean())) if fast.sum() >= FEWEST_FAST else None
 
 
 def repaired_noise(t: Floats, angles: Floats) -> float | None:
@@ -93,23 +98,11 @@ def repaired_noise(t: Floats, angles: Floats) -> float | None:
     squares = []
     for wheel in range(angles.shape[1]):
         times = sampling_times(t, np.delete(angles, wheel, axis=1))
-        noise = _noise_of_speeds(times, angles)
+        noise = speed_noise(times, angles, of=slice(wheel, wheel + 1))
         if noise is None:
             return None
-        squares.append((noise[:, wheel] ** 2).mean())
+        squares.append(noise**2)
     return float(np.sqrt(np.mean(squares)))
-
-
-def _noise_of_speeds(times: Floats, angles: Floats) -> Floats | None:
-    """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
-    kept = new_messages(times)
-    times, angles = times[kept], angles[kept]
-    _, speeds = smooth_at(times, angles, width=COURSE_WIDTH)
-    between = 0.5 * (speeds[1:] + speeds[:-1])
-    noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
-    fast = np.sqrt((between**2).sum(axis=1)) > FAST
-    fast &= _has_a_course(times)[1:]
-    return noise[fast] if fast.sum() >= FEWEST_FAST else None
 
 
 def _has_a_course(t: Floats) -> Bools:
@@ -292,19 +285,10 @@ def _kernel(order: int, reach: int, width: float) -> Floats:
 
 def turning_points(values: Floats, least_turn: float) -> list[int]:
     """Return the first row of a signal (n,), the rows where it turns back by more than `least_turn`, and the last."""
-    turns, highest, lowest, rising, listed = [0], 0, 0, 0, values.tolist()
-    for row, value in enumerate(listed):
-        highest = row if value > listed[highest] else highest
-        lowest = row if value < listed[lowest] else lowest
-        if rising >= 0 and value < listed[highest] - least_turn:
-            turns.append(highest)
-            rising, lowest = -1, row
-        elif rising <= 0 and value > listed[lowest] + least_turn:
-            turns.append(lowest)
-            rising, highest = 1, row
-    # a signal that moves from its first row on has not turned there
-    first = 2 if len(turns) > 1 and turns[1] == 0 else 1
-    return [0, *turns[first:], len(listed) - 1]
+    from scipy.signal import find_peaks
+
+    highest, lowest = (find_peaks(way * values, prominence=least_turn)[0] for way in (1.0, -1.0))
+    return [0, *sorted([*highest.tolist(), *lowest.tolist()]), len(values) - 1]
 
 
 #: a lean beyond this [rad] is a fall, or somebody holds the robot
