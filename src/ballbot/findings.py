@@ -22,7 +22,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "alignment": "comparison of a log's sensors with motion capture",
         "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
-        "axis-residuals": "what the model of an axis leaves of the force depends on something",
         "ball-axes": "x and y are swapped or negated against the wheels",
         "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",
         "between-logs": "how far the estimate from another log may be",

@@ -26,7 +26,6 @@ from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
-from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -242,8 +241,6 @@ _FADES = 0.5
 #: share of the squared force that a regression explains and a fit leaves if the two contradict each other; 0.002 at
 #: most of the machines of campaigns/one_axis.py
 _CONTRADICTED = 0.05
-#: least share of the residual force's variance that a reported dependence explains, and its largest p-value
-_LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
 
 
@@ -356,7 +353,7 @@ def identify_axis(
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
     findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
-    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
+    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen])]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
         records=tuple(fitted.name for fitted in records),
@@ -535,36 +532,6 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
     # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
     return middle, middle / factor, middle * factor
-
-
-#: advice on a residual force that depends on a quantity
-_ADVICE = {
-    "position": "the model lacks a force over position, as of a cable, cogging or gravity (--gravity)",
-    "speed": "the friction law does not fit over the speed: compare the laws",
-    "time": "friction or the constant force drifts; record the warm machine",
-}
-
-
-def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the residual force depends on position, speed or time, as piecewise linear functions show."""
-    tables = []
-    for number, motion in enumerate(best.motions):
-        columns = (motion.block_of(number), motion.position, motion.speed, motion.record.t)
-        left = residual_force(motion, best.model, best.values)
-        tables.append(np.vstack([left, np.array(columns)[:, motion.moving]]))
-    left, block, *columns = np.hstack(tables)
-    for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
-        edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
-        if len(edges) < 3:
-            continue
-        shapes = np.column_stack([np.interp(column, edges, corner) for corner in np.eye(len(edges))])
-        fit = fit_linear(shapes, left, block.astype(np.int64))
-        chance = fit.p_value(range(shapes.shape[1]))
-        share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
-        if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
-            shown = f"p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % of its variance"
-            text = f"The residual force depends on the {quantity} ({shown}): {advice}."
-            yield warning("axis-residuals", text)
 
 
 def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
