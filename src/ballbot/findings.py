@@ -20,7 +20,6 @@ CODES: Mapping[str, str] = MappingProxyType(
     {
         "adequacy": "whether the logs may be those of the model, and up to which horizon its predictions may be",
         "alignment": "comparison of a log's sensors with motion capture",
-        "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
         "ball-axes": "x and y are swapped or negated against the wheels",
         "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",

@@ -8,7 +8,7 @@ hides the friction; over much longer ones a single moment of sticking determines
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
 is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
-record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
+record by itself.
 """
 
 from __future__ import annotations
@@ -198,13 +198,6 @@ class AxisEstimate:
         }
 
 
-def residual_force(motion: AxisMotion, model: AxisModel, values: Values) -> Floats:
-    """Return what a model leaves of the force (n,) [N] in the moving rows, filtered as the regression's columns."""
-    axis, force = model.axis(values), motion.force(interpolated=model.interpolated)
-    left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
-    return motion.lowpassed(left - axis.friction(motion.speed))[motion.moving]
-
-
 def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
@@ -255,7 +248,7 @@ class AxisOptions:
     """
 
     law: str | None = None
-    """The friction law: viscous, coulomb, stribeck or asymmetric."""
+    """The friction law: viscous, coulomb or stribeck."""
 
     gravity: bool | None = None
     """Whether gravity acts on an axis that turns: S sin q + C cos q."""
@@ -352,7 +345,6 @@ def identify_axis(
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
-    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
     findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen])]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
@@ -437,7 +429,7 @@ def _useful(gain: Gain | None) -> bool:
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
-    begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
+    begin = {**coulomb.values, "stribeck": 0.2 * coulomb.values["coulomb"]}
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
@@ -473,8 +465,13 @@ def _check_force(fit: AxisEstimate, law: str) -> None:
     the recorded ones, the less the larger the mass, so that the mass becomes far too large.
     """
     inverse, record = inverse_model(fit.motions, replace(fit.model, law=law)), fit.motions[0].record
-    left = [residual_force(motion, fit.model, fit.values) for motion in fit.motions]
-    own = 1.0 - float(np.sum(np.concatenate(left) ** 2)) / inverse.squares
+    axis, left = fit.axis(), 0.0
+    for motion in fit.motions:
+        force = motion.force(interpolated=fit.model.interpolated)
+        others = axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
+        residual = motion.lowpassed(force - others - axis.friction(motion.speed))
+        left += float(np.sum(residual[motion.moving] ** 2))
+    own = 1.0 - left / inverse.squares
     if inverse.explained - own > _CONTRADICTED:
         raise InputError(
             f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
@@ -532,21 +529,6 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
     # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
     return middle, middle / factor, middle * factor
-
-
-def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
-    if not (both.gain and both.gain.significant):
-        return
-    others = [*best.errors][len(best.motions) :]
-    better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
-    confirmed = "no other record shows whether the machine or this run has it"
-    if others:
-        confirmed = f"{better} of {len(others)} other records are predicted better with it"
-    yield note(
-        "asymmetry",
-        f"Friction that differs between directions predicts other blocks of these records with "
-        f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
-    )
 
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
