@@ -285,10 +285,19 @@ def _kernel(order: int, reach: int, width: float) -> Floats:
 
 def turning_points(values: Floats, least_turn: float) -> list[int]:
     """Return the first row of a signal (n,), the rows where it turns back by more than `least_turn`, and the last."""
-    from scipy.signal import find_peaks
-
-    highest, lowest = (find_peaks(way * values, prominence=least_turn)[0] for way in (1.0, -1.0))
-    return [0, *sorted([*highest.tolist(), *lowest.tolist()]), len(values) - 1]
+    turns, highest, lowest, rising, listed = [0], 0, 0, 0, values.tolist()
+    for row, value in enumerate(listed):
+        highest = row if value > listed[highest] else highest
+        lowest = row if value < listed[lowest] else lowest
+        if rising >= 0 and value < listed[highest] - least_turn:
+            turns.append(highest)
+            rising, lowest = -1, row
+        elif rising <= 0 and value > listed[lowest] + least_turn:
+            turns.append(lowest)
+            rising, highest = 1, row
+    # a signal that moves from its first row on has not turned there
+    first = 2 if len(turns) > 1 and turns[1] == 0 else 1
+    return [0, *turns[first:], len(listed) - 1]
 
 
 #: a lean beyond this [rad] is a fall, or somebody holds the robot
