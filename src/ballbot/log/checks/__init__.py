@@ -155,11 +155,6 @@ class CheckedLogs:
     logs: Mapping[str, Log]  #: by the names that messages use
     findings: tuple[Finding, ...]  #: of all logs, errors first
 
-    @classmethod
-    def simulated(cls, log: Log) -> CheckedLogs:
-        """Return a log that Ballbot has just simulated, which needs no checks."""
-        return cls(logs={"": log}, findings=())
-
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return the findings on logs, by name, and on their robot; errors first.

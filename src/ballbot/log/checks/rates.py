@@ -11,13 +11,13 @@ import numpy as np
 
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
+from ballbot.log.clock import clock_findings
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
 from ballbot.log.evidence import RELATED, SCALED
 from ballbot.log.imu_angles import integral_of
 from ballbot.log.log import Log
 from ballbot.log.units import (
     FEWEST_ROWS,
-    SLOW,
     Agreement,
     agreement,
     change_agreement,
@@ -102,8 +102,7 @@ def _time_findings(log: Log, ratios: Mapping[str, float]) -> list[Finding]:
         return judged("time-scale", ["t"], max(factor, 1.0 / factor), **numbers)
     # columns that a robot's own sensors and motors give come at the rate of its control
     of_a_run = not {"u1", "theta", "gyro_x", "wheel1"}.isdisjoint(log.names)
-    slow = len(log) >= FEWEST_ROWS and by_t >= SLOW and not ratios and of_a_run
-    return judged("time-scale: slow", ["t"], float(slow), by_t=by_t)
+    return clock_findings(log.t, "--mapping") if len(log) >= FEWEST_ROWS and not ratios and of_a_run else []
 
 
 def _verdict(name: str, rates: str, correlation: float, ratio: float) -> Iterator[Finding]:

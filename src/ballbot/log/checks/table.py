@@ -92,9 +92,6 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     "time-scale": ({"error": 1.3},  # factor, or its inverse
         "Positions and angles all change {factor:.3g} times as much as the integrals of their rates over t: {cause}. "
         "By the rates, rows come every {by_rates:.3g} s, by t every {by_t:.4g}."),
-    "time-scale: slow": ({"error": 0},
-        "Rows come every {by_t:.4g} s and no value continues from row to row: t is in ms or another unit, not in "
-        "seconds, or the log was thinned out. No robot balances at such a rate."),
     "sign": ({"error": 0},
         "{name} and {rates} have opposite signs (correlation {correlation:.2f}); negate one of them."),
     "degrees": ({"error": 0}, _IN_UNIT),
