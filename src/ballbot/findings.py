@@ -90,7 +90,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "saturation": "torques stay at their limit",
         "scale": "a rate, a gain or a unit is wrong by a factor",
         "sign": "an angle and its rate have opposite signs",
-        "speed-limit": "wheels turn faster than the motors can turn them, or an axis stays at its maximum speed",
+        "speed-limit": "wheels turn faster than the motors can turn them",
         "spike": "single values jump away and back",
         "spin": "results of a video of the ball",
         "stuck": "a sensor repeats its value for a long time",

@@ -476,8 +476,8 @@ def _check_force(fit: AxisEstimate, law: str) -> None:
         raise InputError(
             f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
             f"the force, and a plain regression of the force on acceleration and speed {100.0 * inverse.explained:.0f} "
-            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the force is late, or "
-            "it is the friction alone. Record all of the force that drives the axis."
+            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the supply limits its "
+            "speed, the force is late, or it is the friction alone. Record all of the force that drives the axis."
         )
 
 
@@ -490,7 +490,8 @@ def _check_range(fit: AxisEstimate) -> None:
             raise InputError(
                 f"{record.name}: {kind.symbol} ({kind.meaning}) fits best at {fit.values[name]:.3g} "
                 f"{unit_for(kind, record.unit)}, the end of its range, which no axis exceeds: the force does not drive "
-                "this axis, or force and position are not of the same times. Check their columns and clocks."
+                "this axis throughout, as where the supply limits its speed, or force and position are not of the same "
+                "times. Check their columns and clocks."
             )
 
 
