@@ -102,7 +102,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "time": "time does not increase throughout a foreign file",
         "time-scale": "time is in another unit, or runs too fast or too slowly",
         "timing": "the times of rows differ from the times of sampling",
-        "torque-bound": "how far the logs bound the scale of the torques",
         "torque-delay": "the torques are too late or too early relative to the states",
         "torque-limit": "torques exceed the robot's limit",
         "torque-order": "the torques drive other wheels than their columns name",

@@ -112,10 +112,10 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     findings, of_all = list[Finding](), list[Finding]()
     if robot is not None:
         # importing the equations of motion takes time
-        from ballbot.log.checks.physics import different_robots, examine, torque_bounds
+        from ballbot.log.checks.physics import different_robots, examine
 
         examined = {name: examine(log, robot) for name, log in logs.items()}
-        of_all = [*different_robots(examined), *torque_bounds(examined.values(), robot)]
+        of_all = [*different_robots(examined)]
     for name, log in logs.items():
         of_log = _log_findings(log, robot, examined[name].findings if robot else ())
         findings += [replace(item, where=replace(item.where, file=name)) for item in of_log]

@@ -7,7 +7,7 @@ over that of the lean) are those of its robot over the robot file's. They need n
 every log of a robot.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -35,7 +35,6 @@ from ballbot.log.torque_balance import (
     driving_of,
     gains_of,
     motion_of,
-    together,
 )
 from ballbot.robot import Robot
 
@@ -124,17 +123,6 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     late, before = ("late", "before") if delays[best] > 0.0 else ("early", "after")
     delay = abs(delays[best])
     return judged("torque-delay", names, delay, ms=1000.0 * delay, late=late, before=before)
-
-
-def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
-    """Return how well a robot's logs together bound the scale of its torques, unless they bound it well."""
-    known = [log_physics.gains for log_physics in examined if log_physics.gains is not None]
-    wide, names = together(known).unbounded() if known else {}, torque_names(robot.wheel_count)
-    bounds = ", ".join(
-        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
-        for i, (low, high) in wide.items()
-    )
-    return judged("torque-bound", [names[i] for i in wide], len(wide), bounds=bounds)
 
 
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot

@@ -178,10 +178,6 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "The torques are {factor:.2g} times as large as the motion of this robot needs: all are scaled (torque "
         "constant, gear ratio, current or per-unit values in place of N m), the recording clips them, or the robot is "
         "{heavier} than in the robot file."),
-    "torque-bound": ({"warning": 0},
-        "The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} (95 "
-        "%). A wrong torque constant within that would not show, and would change the motor's friction as much. Runs "
-        "that accelerate more bound it better."),
     "robots": ({"error": 0},
         "{odd} and {other} are of different robots: {quantity} is {factor:.2f} times as large in {odd} (relative to "
         "the robot file it is {of_odd} in {odd} and {of_other} in {other}). {cause} Use logs of one robot in one "
