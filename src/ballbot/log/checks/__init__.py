@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 #: findings that a fault causes in other checks: its codes, theirs, and whether only on the fault's columns
 _FOLLOWS = (
     (("stuck", "dead-motor", "copied"), ("torque-",), True),
+    # a robot with a motor that fails leans for long, and runs away
+    (("dead-motor", "torque-order", "torque-scale", "torque-sign"), ("lean-offset",), False),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
     # a scaled velocity of the ball, which both checks use
@@ -115,7 +117,7 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
         from ballbot.log.checks.physics import different_robots, examine
 
         examined = {name: examine(log, robot) for name, log in logs.items()}
-        of_all = [*different_robots(examined)]
+        of_all = different_robots(examined)
     for name, log in logs.items():
         of_log = _log_findings(log, robot, examined[name].findings if robot else ())
         findings += [replace(item, where=replace(item.where, file=name)) for item in of_log]
