@@ -179,9 +179,9 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "constant, gear ratio, current or per-unit values in place of N m), the recording clips them, or the robot is "
         "{heavier} than in the robot file."),
     "robots": ({"error": 0},
-        "{odd} and {other} are of different robots: {quantity} is {factor:.2f} times as large in {odd} (relative to "
-        "the robot file it is {of_odd} in {odd} and {of_other} in {other}). {cause} Use logs of one robot in one "
-        "condition."),
+        "{odd} and {other} are of different robots: the torque that the motion needs is {factor:.2f} times as large in "
+        "{odd} (relative to the robot file it is {of_odd} in {odd} and {of_other} in {other}). One is heavier, or has "
+        "another gear ratio or torque constant. Use logs of one robot in one condition."),
 }  # fmt: skip
 
 
