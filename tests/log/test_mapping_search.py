@@ -187,8 +187,8 @@ def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path):
 def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
     columns = foreign_columns()
     for k, name in enumerate(("u1", "u2", "u3")):
-        # three rows a period, half as large as the duties themselves
-        columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
+        # eight rows a period, twice as large as the duties themselves
+        columns[name] = columns[name] + 0.4 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.08 + k / 3.0))
     file = write_foreign(tmp_path / "run.txt", columns)
     found = evaluate(propose(file, small_robot(), Stated(command="duty")))
     assert "a row every 10 ms" in found.refusal

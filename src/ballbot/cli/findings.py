@@ -60,17 +60,6 @@ def in_files(named: Iterable[tuple[Path, Iterable[Finding]]]) -> list[Finding]:
     ]
 
 
-def read_motion_capture(path: Path, mapping: Path | None, *, accept: Sequence[str] | None) -> Log:
-    """Return motion capture; raise InputError if its clock is in another unit, and that is not accepted."""
-    from ballbot.log import pose
-    from ballbot.log.clock import clock_findings
-
-    mocap = pose.read_motion_capture(path, mapping)
-    found = [*mocap.changes, *clock_findings(mocap.t, "--mocap-mapping")]
-    stop_or_show(in_files([(path, found)]), accept=accept)
-    return mocap
-
-
 def stop_or_show(
     findings: Iterable[Finding], *, accept: Sequence[str] | None, others: str = "", show: bool = True
 ) -> tuple[Finding, ...]:

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_logs
-from ballbot.cli.findings import in_files, read_motion_capture, stop_or_show
+from ballbot.cli.findings import in_files, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run
@@ -21,6 +21,7 @@ from ballbot.identification.stages import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
+from ballbot.log.pose import read_motion_capture
 from ballbot.progress import in_stage
 from ballbot.report.axis import axis_report
 from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
@@ -160,7 +161,9 @@ def identify_geometry(
         for path, log in zip(on_wheels, of_ball, strict=True)
     )
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
-    cameras = [read_motion_capture(capture, mocap_mapping, accept=accept) for capture in captures]
+    cameras = [read_motion_capture(capture, mocap_mapping) for capture in captures]
+    of_cameras = ((capture, mocap.changes) for capture, mocap in zip(captures, cameras, strict=True))
+    stop_or_show(in_files(of_cameras), accept=accept)
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         geometry = survey_geometry(
             described,

@@ -607,8 +607,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     if angle.largest_speed is not None:
         raw |= {name: without_resets(t, raw[name], angle.largest_speed) for name in wheels}
     for name, origin in mapping.integrals.items():
-        speed = without_holes(t, raw[origin])
-        raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
+        raw[name] = integral_of(t, without_holes(t, raw[origin]))
     raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
         raw["roll"] = within_half_a_turn(raw["roll"] - math.pi, math.pi)

@@ -241,8 +241,6 @@ USUAL = 0.15
 #: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5), and the
 #: factor of one torque over the others that is
 SURE, UNLIKE = 5.0, 1.25
-#: a factor that a log must exclude; otherwise its bounds are reported
-MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
 
@@ -277,15 +275,6 @@ class Gains:
         errors = np.where(usual, precision**-0.5, errors)
         return np.maximum(self.factors / others, ZERO), np.hypot(self.errors, errors)
 
-    def unbounded(self) -> dict[int, tuple[float, float]]:
-        """Return bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
-        factors, errors = self.unlike()
-        with np.errstate(over="ignore"):
-            reach = np.exp(1.96 * errors)
-        wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
-        low, high = (factors / reach).tolist(), (factors * reach).tolist()
-        return {i: (low[i], high[i]) for i in np.flatnonzero(wide).tolist()}
-
 
 def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""
@@ -314,15 +303,6 @@ def _gain(driving: Driving, i: int) -> tuple[float, float]:
     # what the terms miss, at its worst goes along with gravity's need
     missed = FRICTION_ERROR * np.sqrt(own @ of_friction @ own * np.vdot(left[:, 1], left[:, 1])) / common
     return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
-
-
-def together(gains: Sequence[Gains]) -> Gains:
-    """Return the gains that several logs of a robot show."""
-    weights = 1.0 / np.square([gain.errors for gain in gains])
-    precision = weights.sum(axis=0)
-    mean = np.sum(np.where(weights > 0.0, weights * [gain.factors for gain in gains], 0.0), axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
 
 
 # --- which command drives which wheel ---

@@ -8,7 +8,7 @@ hides the friction; over much longer ones a single moment of sticking determines
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
 is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
-record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
+record by itself.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
-from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -199,13 +198,6 @@ class AxisEstimate:
         }
 
 
-def residual_force(motion: AxisMotion, model: AxisModel, values: Values) -> Floats:
-    """Return what a model leaves of the force (n,) [N] in the moving rows, filtered as the regression's columns."""
-    axis, force = model.axis(values), motion.force(interpolated=model.interpolated)
-    left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
-    return motion.lowpassed(left - axis.friction(motion.speed))[motion.moving]
-
-
 def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
@@ -242,8 +234,6 @@ _FADES = 0.5
 #: share of the squared force that a regression explains and a fit leaves if the two contradict each other; 0.002 at
 #: most of the machines of campaigns/one_axis.py
 _CONTRADICTED = 0.05
-#: least share of the residual force's variance that a reported dependence explains, and its largest p-value
-_LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
 
 
@@ -258,7 +248,7 @@ class AxisOptions:
     """
 
     law: str | None = None
-    """The friction law: viscous, coulomb, stribeck or asymmetric."""
+    """The friction law: viscous, coulomb or stribeck."""
 
     gravity: bool | None = None
     """Whether gravity acts on an axis that turns: S sin q + C cos q."""
@@ -355,8 +345,7 @@ def identify_axis(
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
-    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
-    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
+    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen])]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
         records=tuple(fitted.name for fitted in records),
@@ -440,7 +429,7 @@ def _useful(gain: Gain | None) -> bool:
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
-    begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
+    begin = {**coulomb.values, "stribeck": 0.2 * coulomb.values["coulomb"]}
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
@@ -476,14 +465,19 @@ def _check_force(fit: AxisEstimate, law: str) -> None:
     the recorded ones, the less the larger the mass, so that the mass becomes far too large.
     """
     inverse, record = inverse_model(fit.motions, replace(fit.model, law=law)), fit.motions[0].record
-    left = [residual_force(motion, fit.model, fit.values) for motion in fit.motions]
-    own = 1.0 - float(np.sum(np.concatenate(left) ** 2)) / inverse.squares
+    axis, left = fit.axis(), 0.0
+    for motion in fit.motions:
+        force = motion.force(interpolated=fit.model.interpolated)
+        others = axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
+        residual = motion.lowpassed(force - others - axis.friction(motion.speed))
+        left += float(np.sum(residual[motion.moving] ** 2))
+    own = 1.0 - left / inverse.squares
     if inverse.explained - own > _CONTRADICTED:
         raise InputError(
             f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
             f"the force, and a plain regression of the force on acceleration and speed {100.0 * inverse.explained:.0f} "
-            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the force is late, or "
-            "it is the friction alone. Record all of the force that drives the axis."
+            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the supply limits its "
+            "speed, the force is late, or it is the friction alone. Record all of the force that drives the axis."
         )
 
 
@@ -496,7 +490,8 @@ def _check_range(fit: AxisEstimate) -> None:
             raise InputError(
                 f"{record.name}: {kind.symbol} ({kind.meaning}) fits best at {fit.values[name]:.3g} "
                 f"{unit_for(kind, record.unit)}, the end of its range, which no axis exceeds: the force does not drive "
-                "this axis, or force and position are not of the same times. Check their columns and clocks."
+                "this axis throughout, as where the supply limits its speed, or force and position are not of the same "
+                "times. Check their columns and clocks."
             )
 
 
@@ -535,51 +530,6 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
     # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
     return middle, middle / factor, middle * factor
-
-
-#: advice on a residual force that depends on a quantity
-_ADVICE = {
-    "position": "the model lacks a force over position, as of a cable, cogging or gravity (--gravity)",
-    "speed": "the friction law does not fit over the speed: compare the laws",
-    "time": "friction or the constant force drifts; record the warm machine",
-}
-
-
-def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the residual force depends on position, speed or time, as piecewise linear functions show."""
-    tables = []
-    for number, motion in enumerate(best.motions):
-        columns = (motion.block_of(number), motion.position, motion.speed, motion.record.t)
-        left = residual_force(motion, best.model, best.values)
-        tables.append(np.vstack([left, np.array(columns)[:, motion.moving]]))
-    left, block, *columns = np.hstack(tables)
-    for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
-        edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
-        if len(edges) < 3:
-            continue
-        shapes = np.column_stack([np.interp(column, edges, corner) for corner in np.eye(len(edges))])
-        fit = fit_linear(shapes, left, block.astype(np.int64))
-        chance = fit.p_value(range(shapes.shape[1]))
-        share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
-        if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
-            shown = f"p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % of its variance"
-            text = f"The residual force depends on the {quantity} ({shown}): {advice}."
-            yield warning("axis-residuals", text)
-
-
-def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
-    if not (both.gain and both.gain.significant):
-        return
-    others = [*best.errors][len(best.motions) :]
-    better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
-    confirmed = "no other record shows whether the machine or this run has it"
-    if others:
-        confirmed = f"{better} of {len(others)} other records are predicted better with it"
-    yield note(
-        "asymmetry",
-        f"Friction that differs between directions predicts other blocks of these records with "
-        f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
-    )
 
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:

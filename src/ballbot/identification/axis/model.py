@@ -1,11 +1,10 @@
 """One axis with friction: its parameters, friction laws and motion.
 
-    M a = F - offset - G(q) - b v - d |v| - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
+    M a = F - offset - G(q) - b v - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
 
-G is gravity on an axis that turns. The viscous friction is b + d forwards and b - d backwards; a difference of Coulomb
-friction between the directions is part of the offset. Dry friction may grow with the load W = |F + G(q)| / 2 of the
-gears: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
-(2024), with mu twice theirs.
+G is gravity on an axis that turns. A difference of Coulomb friction between the directions is part of the offset. Dry
+friction may grow with the load W = |F + G(q)| / 2 of the gears: M. Duclusaud et al., Extended friction models for the
+physics simulation of servo actuators, arXiv 2410.08650 (2024), with mu twice theirs.
 
 The motion is that of `ballbot.mechanics.driveline`, with the force held over a row or changing linearly to the
 next, and G evaluated in the middle of each step.
@@ -39,7 +38,6 @@ _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed":
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("mass", "M", "kg", "mass or inertia", "ratio"),
     ("viscous", "b", "N s/m", "viscous", "amount"),
-    ("asymmetry", "d", "N s/m", "viscous, forwards above the mean", "signed"),
     ("coulomb", "c", "N", "Coulomb", "amount"),
     ("offset", "offset", "N", "constant force", "signed"),
     ("stribeck", "s", "N", "break-away above Coulomb", "amount"),
@@ -78,7 +76,6 @@ LAWS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "viscous": (("mass", "viscous", "offset"), ""),
     "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
     "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
-    "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
 }
 #: optional forces, and their parameters
 FORCES: Mapping[str, tuple[str, ...]] = {
@@ -111,8 +108,7 @@ class AxisModel:
 class _AxisNumbers(NamedTuple):
     """The parameters of an axis as compiled code reads them."""
 
-    wheel: Wheel  #: its friction, without asymmetry and load
-    asymmetry: float
+    wheel: Wheel  #: its friction, without load
     inertia: Inertia
     sine: float  #: S
     cosine: float  #: C
@@ -127,8 +123,7 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
     own = axis.wheel
     dry = own.c + 0.5 * axis.mu * abs(force + gravity)
     force -= gravity
-    way = 1.0 if speed > 0.0 or (speed == 0.0 and force > 0.0) else -1.0
-    wheel = Wheel(own.axle, own.b + way * axis.asymmetry, dry, own.s, own.terms, own.inv_vs, own.delta)
+    wheel = Wheel(own.axle, own.b, dry, own.s, own.terms, own.inv_vs, own.delta)
     speed, travel = move(wheel, axis.inertia, force, speed, h)
     return position + travel, speed
 
@@ -173,7 +168,7 @@ class Axis:
 
     @property
     def _friction(self) -> Friction:
-        """The friction without asymmetry and load, as that of one wheel."""
+        """The friction without load, as that of one wheel."""
         b, c, s, v_s = (self._all[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
         return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
 
@@ -191,7 +186,6 @@ class Axis:
         assert isinstance(wheel, Wheel)
         numbers = _AxisNumbers(
             wheel=wheel,
-            asymmetry=values["asymmetry"],
             inertia=Inertia(inv_J=1.0 / values["mass"], stall=UNLIMITED, inv_no_load=0.0),
             sine=values["gravity_sine"],
             cosine=values["gravity_cosine"],
@@ -202,7 +196,7 @@ class Axis:
 
     def friction(self, speed: Floats) -> Floats:
         """Return the friction without load [N] at speeds (N,)."""
-        return steady_friction(speed, self._friction) + self._all["asymmetry"] * np.abs(speed)
+        return steady_friction(speed, self._friction)
 
     def other_forces(self, force: Floats, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
         """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""
@@ -214,8 +208,7 @@ class Axis:
     def _steps(self, row: float) -> int:
         """Return the number of steps in a row of `row` [s]."""
         values, mass = self._all, self._all["mass"]
-        viscous = values["viscous"] + abs(values["asymmetry"])
-        fading = values["stribeck"] / values["stribeck_speed"]
+        viscous, fading = values["viscous"], values["stribeck"] / values["stribeck_speed"]
         wanted = row * (viscous + fading) / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:
             # one step passes the Stribeck speed; the law is then Coulomb friction except at break-away
