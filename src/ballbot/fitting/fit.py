@@ -35,6 +35,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import BlockErrors, Experiment, IterateT, Residuals
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty, between, truncated_reach
+from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.uncertainty import (
     Discrepancy,
@@ -489,20 +490,18 @@ def _has_effect(
 
 # --- held-out blocks ---
 
-#: steps of a fit to some of the blocks, from the fit to all
-_HELD_OUT_STEPS = 8
+#: number of folds, and steps of a fit without one of them, from the fit to all
+_FOLDS, _HELD_OUT_STEPS = 3, 8
 
 
-def held_out_squares(
-    experiment: Residuals, end: BlockErrors, groups: Sequence[Ints], *, folds: int
-) -> Floats:
+def held_out_squares(experiment: Residuals, end: BlockErrors, groups: Sequence[Ints]) -> Floats:
     """Return the mean square error (w,) of each block by a fit that did not see it.
 
-    The fit is repeated without each of `folds` parts of the groups of blocks; `end` is the end of the fit to all.
+    The fit is repeated without each of `_FOLDS` parts of the groups of blocks; `end` is the end of the fit to all.
     """
     squares, count = np.empty(len(end.states)), len(end.states)
-    for fold in range(folds):
-        out = np.sort(np.concatenate(groups[fold::folds]))
+    for fold in range(_FOLDS):
+        out = np.sort(np.concatenate(groups[fold::_FOLDS]))
         kept = np.setdiff1d(np.arange(count), out)
         (part, near), (rest, there) = (
             (experiment.part(rows), replace(end, states=end.states[rows])) for rows in (kept, out)
@@ -517,6 +516,38 @@ def held_out_squares(
         errors = rest.begin(again.point, there).errors
         squares[out] = np.nan_to_num(np.bincount(rest.block, errors**2) / np.bincount(rest.block), nan=np.inf)
     return squares
+
+
+def with_parameter(
+    held: Fit[BlockErrors], wider: Residuals, label: str, *, deviation: float, groups: Sequence[Ints]
+) -> tuple[Floats, Floats]:
+    """Return values (p,) and covariance (p, p), SI units, of an experiment with a parameter that a fit holds.
+
+    It is estimated if groups of blocks that are held out support it. Otherwise it is its default with a standard
+    deviation, and the others follow it by -H^-1 H_label (S. F. Schmidt, Application of state-space methods to
+    navigation problems, Advances in Control Systems 3 (1966) 293-340).
+    """
+    narrower = held.finished.experiment
+    assert isinstance(narrower, Residuals)
+    own, space = narrower.coordinates, wider.coordinates
+    found = dict(zip(own.labels, held.values.tolist(), strict=True))
+    values = np.array([found.get(each.symbol, each.default) for each in space.parameters])
+    point, index = space.scaled(values), space.labels.index(label)
+    free = fit(wider, point)
+    squares, others = (
+        held_out_squares(experiment, of.finished.end, groups)[:, None]
+        for experiment, of in ((wider, free), (narrower, held))
+    )
+    if free.estimated[index] and gain_between(squares, others, groups).significant:
+        return free.values, free.covariance
+    H = wider.equations(wider.begin(point, held.finished.end)).matrix
+    kept = np.isin(space.labels, np.array(own.labels)[held.estimated])
+    moved, spread = (np.arange(len(point)) == index).astype(float), np.full(H.shape, np.nan)
+    moved[kept] = np.linalg.solve(H[np.ix_(kept, kept)], -H[kept, index])
+    moved *= deviation * space.slopes(point) / space.slopes(point)[index]
+    spread[index, kept] = spread[kept, index] = spread[index, index] = 0.0
+    spread[np.ix_(kept, kept)] = held.covariance[np.ix_(held.estimated, held.estimated)]
+    return values, spread + np.outer(moved, moved)
 
 
 # --- intervals ---

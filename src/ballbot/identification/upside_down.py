@@ -3,16 +3,18 @@
 Contact forces act on both wheels and ball, so whatever slips between them, the momentum of ball and drivelines changes
 by the torques of the motors and the friction only:
 
-    d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
+    d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w)) - B Omega - C Omega/|Omega|
+    tau = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
 
-w is measured by the encoders, or A Omega in a log without them. Residuals are those of the integrated equation over
-pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a
-function of speed; the directions in which it acts are then left out. So are rows at the limit of speed or torque, where
-the logged torque does not act. The exponent delta of the thesis is 1, as for the sweep
-(`ballbot.identification.driveline`): a log of a minute does not determine it.
+w is measured by the encoders, or A Omega in a log without them. B and C are losses where rollers touch the ball, as of
+two that touch it at once. A robot file has no such friction, and without them it would count as b and c. Residuals are
+those of the integrated equation over pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is
+uncertain, and its friction is not a function of speed; the directions in which it acts are then left out. So are rows
+at the limit of speed or torque, where the logged torque does not act. delta is 1 unless held-out windows support
+another; the errors then include those of other deltas.
 
-Standard errors are clustered by window and widened by `WIDENED`. Held-out windows validate the friction: the ball is
-simulated with and without it, from the mean of the samples around a window's first row.
+Standard errors are clustered by window. Held-out windows validate the friction: the ball is simulated with and without
+it, from the mean of the samples around a window's first row.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,9 +26,12 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
-from ballbot.fitting.fit import fit
+from ballbot.fitting.fit import fit, with_parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import discrepancy
+from ballbot.identification.axis.identify import blocks_of
+from ballbot.identification.axis.model import EXPONENT_DEVIATION, EXPONENT_HELD
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
@@ -38,6 +43,7 @@ from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_nam
 from ballbot.mechanics.friction import stribeck_curve
 from ballbot.progress import Progress
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.rounding import plus_minus
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Reported
 
@@ -47,17 +53,15 @@ NEIGHBOURS = 4
 SMOOTHED = 2
 #: length of the pieces that the residuals are integrals over [s]
 PIECE = 0.05
-#: least speed of a wheel that counts [rad/s]
-SLOW = 0.1
+#: least speed of a wheel that counts [rad/s]; below, an encoder's wheel and the ball are apart while play is crossed
+SLOW = 0.2
 #: above this share of the supply's speed limit, the logged torque does not act
 AT_LIMIT = 0.95
 #: v_s is between these speeds [rad/s]
 SHAPES = (0.05, 5.0)
+_SHAPE = ("stribeck_speed", "stribeck_exponent")
 #: Student's quantile for 95 % with the least number of windows
 QUANTILE = 2.1
-#: factor on clustered standard errors, with which 95 % of the intervals from twins with the seeds 101 to 110 contain
-#: the true b and c; `python -m campaigns.evidence upside_down` checks others
-WIDENED = 2.0
 
 
 class _BallLog:
@@ -161,7 +165,8 @@ def momentum_balance(
         w = _averaged(seen.wheel_speeds)
         valid = seen.valid & np.isfinite(w).all(axis=1)
         largest = max(largest, float(np.abs(seen.torques[valid]).max(initial=0.0)))
-        momentum = _averaged(seen.omega) @ J + w @ A @ of_wheels
+        omega = _averaged(seen.omega)
+        momentum = omega @ J + w @ A @ of_wheels
         impulse = h * _averaged(seen.torques) @ A
         for start in seen.tiles(samples):
             begin = (number, float(log.t[start]))
@@ -175,36 +180,48 @@ def momentum_balance(
                 # onto the directions in which only wheels act that turn throughout the piece
                 projector = np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning]
                 change = momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0)
-                speeds = 0.5 * (w[k : k + length] + w[k + 1 : k + length + 1])
-                pieces.append((projector, projector @ change, speeds, len(begins) - 1))
-    columns = zip(*pieces, strict=True) if pieces else np.empty((4, 0))
-    projector, change, speeds, window = (np.array(column) for column in columns)
-    speeds, window = speeds.reshape(-1, length, n), window.astype(np.int64)
-
-    def impulses(v_s: float) -> Floats:
-        """Return the impulse (3 m, 4 n) of b, c and s of each wheel, each 1, and the derivative of that of s by v_s."""
-        signs, fading = np.sign(speeds), stribeck_curve(0.0, 1.0, speeds / v_s, 1.0)
-        parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
-        sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
-        return (projector @ np.concatenate(sums, axis=2)).reshape(change.size, -1)
+                speeds, turned = (
+                    0.5 * (of[k : k + length] + of[k + 1 : k + length + 1]) for of in (w, omega)
+                )
+                pieces.append((projector, projector @ change, speeds, turned, len(begins) - 1))
+    columns = zip(*pieces, strict=True) if pieces else np.empty((5, 0))
+    projector, change, speeds, turned, window = (np.array(column) for column in columns)
+    speeds, turned = speeds.reshape(-1, length, n), turned.reshape(-1, length, 3)
+    directions = turned / np.maximum(np.linalg.norm(turned, axis=2, keepdims=True), np.finfo(float).tiny)
+    # all but v_s and delta
+    linear = np.append(np.ones(3 * n), [0.0, 0.0, 1.0, 1.0])
 
     def derivatives(values: Floats) -> Floats:
-        X = impulses(values[-1])
-        return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
+        """Return the derivatives (3 m, p) of the impulse of friction by the parameters."""
+        v_s, delta = values[-4:-2].tolist()
+        ratio = np.maximum(np.abs(speeds) / v_s, np.finfo(float).tiny)
+        fading = np.sign(speeds) * stribeck_curve(0.0, 1.0, ratio, delta)
+        of_wheels = [part.sum(axis=1)[:, None, :] * A.T for part in (speeds, np.sign(speeds), fading)]
+        shape = fading * ratio**delta * values[2 * n : 3 * n]
+        of_all = [(shape * factor).sum(axis=1) @ A for factor in (delta / v_s, -np.log(ratio))]
+        of_all += [turned.sum(axis=1), directions.sum(axis=1)]
+        X = h * projector @ np.concatenate([*of_wheels, np.stack(of_all, axis=2)], axis=2)
+        return X.reshape(change.size, -1)
 
     # friction is below the largest torque, and so is its viscous part at the usual speed
     usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
-    amounts = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
+    viscous, dry = (0.0, largest / usual), (0.0, largest)
+    bounds = {"viscous": viscous, "coulomb": dry, "stribeck": dry, "stribeck_speed": SHAPES}
     parameters = [
-        quantity.parameter(label, amounts.get(quantity.name, SHAPES), float(quantity.name not in amounts))
+        quantity.parameter(label, bounds.get(quantity.name, quantity.bounds), quantity.neutral)
         for quantity in QUANTITIES
         for label in quantity.labels(n)
     ]
+    # either sign: at a bound there is no standard error
+    contacts = {"B": ("N m s/rad", largest / usual), "C": ("N m", largest)}
+    parameters += [
+        FitParameter.about(name, 0.0, unit, within=most) for name, (unit, most) in contacts.items()
+    ]
     return residuals_without_states(
-        lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
+        lambda values: change.ravel() + derivatives(values) @ (linear * values),
         parameters=parameters,
-        dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
-        block=np.repeat(window, 3),
+        dependences=(Dependence(through="stribeck", dependent=_SHAPE),),
+        block=np.repeat(window.astype(np.int64), 3),
         block_log=np.array([number for number, _ in begins], dtype=np.int64),
         derivatives_of=derivatives,
     )
@@ -212,12 +229,12 @@ def momentum_balance(
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class UpsideDown(Reported):
-    """Friction without the robot's weight on the ball, p = 3 n + 1 parameters; `plot()` shows it over speed."""
+    """Friction without the robot's weight on the ball, p = 3 n + 2 parameters; `plot()` shows it over speed."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     described: Robot  #: as its file describes it
     verdict: Verdict  #: whether the friction is usable
-    estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
+    estimate: StageEstimate  #: b, c and s of each wheel, v_s and delta (p,); errors clustered by window
     held_out: Mapping[str, Floats]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
@@ -226,7 +243,7 @@ class UpsideDown(Reported):
 
     @property
     def parameters(self) -> ParameterTable:
-        """{b: [..], c: [..], s: [..], v_s}, SI units; v_s is NaN if no wheel has s."""
+        """{b: [..], c: [..], s: [..], v_s, delta}, SI units; the last two are NaN if no wheel has s."""
         return _by_symbol(self.estimate.values)
 
     @property
@@ -244,8 +261,8 @@ class UpsideDown(Reported):
 
 
 def _by_symbol(numbers: Floats) -> dict[str, list[float] | float]:
-    b, c, s = numbers[:-1].reshape(3, -1).tolist()
-    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-1])}
+    b, c, s = numbers[:-2].reshape(3, -1).tolist()
+    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-2]), "delta": float(numbers[-1])}
 
 
 def identify_upside_down(
@@ -256,7 +273,7 @@ def identify_upside_down(
     held_out: float = 0.25,
     run: Run = DEFAULT_RUN,
 ) -> UpsideDown:
-    """Identify b, c, s of each wheel and v_s from the robot clamped upside down.
+    """Identify b, c, s of each wheel, v_s and delta from the robot clamped upside down.
 
     InputError if the logs do not determine the parameters, or an option is invalid.
 
@@ -299,6 +316,7 @@ def identify_upside_down(
     experiment = momentum_balance(robot, everything, duration=window, without=kept.spans)
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
+    # delta may be held, and the losses of contacts are no result
     fitted, count = len(experiment.block_log), 3 * n + 1
     if fitted < WINDOWS_PER_PARAMETER * count:
         raise InputError(
@@ -333,26 +351,48 @@ def identify_upside_down(
     )
 
 
+def _holding(experiment: Residuals, names: Sequence[str]) -> Residuals:
+    """Return the experiment that holds these quantities at their defaults."""
+    space = experiment.coordinates
+    held = (
+        replace(own, bounds=(own.default, own.default)) if own.name in names else own
+        for own in space.parameters
+    )
+    return replace(experiment, coordinates=replace(space, parameters=tuple(held)))
+
+
 def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
     """Return the friction with its covariance, and findings on what the logs do not show or disagree on."""
-    space, findings = experiment.coordinates, list[Finding]()
+    space, findings, held = experiment.coordinates, list[Finding](), _holding(experiment, _SHAPE[1:])
     # v_s may have several minima
-    slow, fast = (space.scaled(np.append(0.1 * space.upper[:-1], v_s)) for v_s in (0.3, 1.0))
-    result = fit(experiment, slow, also=fast)
-    values = result.values
-    if not result.estimated[-1]:
+    slow, fast = (
+        held.coordinates.scaled(np.append(0.1 * space.upper[:-4], [v_s, 1.0, 0.0, 0.0])) for v_s in (0.3, 1.0)
+    )
+    result = fit(held, slow, also=fast)
+    if result.estimated[-4]:
+        blocks = blocks_of(len(experiment.block_log))
+        values, covariance = with_parameter(
+            result, experiment, space.labels[-3], deviation=EXPONENT_DEVIATION, groups=blocks
+        )
+        findings += [note("exponent", EXPONENT_HELD)] if values[-3] == 1.0 else []
+    else:
         text = "Break-away friction above c does not lower the error beyond chance; s is held at 0."
         findings.append(note("no-breakaway", text))
-        held = [
-            replace(own, bounds=(own.default, own.default)) if own.name.startswith("stribeck") else own
-            for own in space.parameters
-        ]
-        experiment = replace(experiment, coordinates=replace(space, parameters=tuple(held)))
-        result = fit(experiment, experiment.coordinates.scaled(values))
-        values = np.append(result.values[:-1], np.nan)
+        held = _holding(experiment, ("stribeck", *_SHAPE))
+        result = fit(held, held.coordinates.scaled(result.values))
+        values, covariance = result.values, result.covariance
+        values[-4:-2] = np.nan
     apart = discrepancy(result.finished.equations, experiment.block_log, result.estimated, seed=seed)
     if apart.significant:
         text = "The logs disagree on the friction by more than chance; errors are wider."
         findings.append(warning("logs-differ", text))
-    covariance = (WIDENED * apart.factor) ** 2 * result.covariance
-    return StageEstimate("the logs upside down", space.labels, values, covariance), findings
+    covariance = apart.factor**2 * covariance
+    viscous, dry = map(plus_minus, values[-2:].tolist(), np.sqrt(covariance.diagonal()[-2:]).tolist())
+    text = (
+        f"Where wheels touch the ball, it loses {viscous} N m s/rad of its own speed and {dry} N m, which a robot file "
+        "does not have: they are not in b and c."
+    )
+    findings.append(note("contacts", text))
+    return StageEstimate(
+        "the logs upside down", space.labels[:-2], values[:-2], covariance[:-2, :-2]
+    ), findings

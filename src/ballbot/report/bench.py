@@ -261,7 +261,7 @@ def driveline_report(
     errors = [(wheel, fit.rmse, fit.rmse_without) for wheel, fit in zip(wheels, fits, strict=True)]
     of_fits = [finding for fit in fits for finding in fit.findings]
     words = (
-        "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
+        "A driveline resists with b ω + (c + s exp(−|ω/v_s|^delta)) sgn ω. Each is identified as an axis of the file's "
         "inertia (docs/axis.md)."
     )
     return Result(
@@ -274,8 +274,8 @@ def driveline_report(
                 Paragraph(words),
                 Sheet(("parameter", "unit", *wheels), parameter_rows(fits), "With 95 % intervals."),
                 Paragraph(
-                    "`robot.toml` has b, c and s of each wheel and the mean of v_s: the friction of motor and gear. "
-                    "That of balancing has other losses too; `ballbot identify` finds it from logs, and compares."
+                    "`robot.toml` has b, c and s of each wheel and the means of v_s and delta: of motor and gear. "
+                    "The friction of balancing has other losses too; `ballbot identify` finds it, and compares."
                 ),
                 drawn_picture("curve", curves, curve_figure, laws, sweeps[0].limit),
             ),
@@ -314,7 +314,7 @@ def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
 
 def _sentence(fit: DrivelineFit) -> str:
     """Return a wheel's friction in words."""
-    b, c, s, _ = fit.values.tolist()
+    b, c, s, *_ = fit.values.tolist()
     return (
         f"The break-away torque is {digits(c + s, 2)} N m; in motion the friction is {digits(c, 2)} N m plus "
         f"{digits(b, 2)} N m per rad/s. Without friction the error of the speed is "

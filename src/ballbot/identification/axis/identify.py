@@ -6,7 +6,8 @@ so that noise there does not count as friction. Windows last `WINDOW`: over much
 hides the friction; over much longer ones a single moment of sticking determines all that follows.
 
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
-is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
+is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined. Of a
+law `stribeck` that is requested, so is delta; otherwise it is 1, and the errors include those of other deltas.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
 record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
@@ -25,13 +26,23 @@ from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
-from ballbot.fitting.fit import Fit, fit, held_out_squares
+from ballbot.fitting.fit import Fit, fit, held_out_squares, with_parameter
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
+from ballbot.identification.axis.model import (
+    EXPONENT_DEVIATION,
+    EXPONENT_HELD,
+    FORCES,
+    LAWS,
+    PARAMETERS,
+    Axis,
+    AxisModel,
+    Values,
+    unit_for,
+)
 from ballbot.identification.axis.motion import (
     CLEAR,
     AxisMotion,
@@ -48,9 +59,8 @@ from ballbot.summary import Reported
 WINDOW = 1.0
 #: least windows for a covariance of six parameters
 _LEAST_WINDOWS = 9
-#: number of blocks of time, which are held out and drawn together, and of folds
+#: number of blocks of time, which are held out and drawn together
 _BLOCKS = 12
-_FOLDS = 3
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -140,14 +150,11 @@ class AxisEstimate:
     motions: tuple[AxisMotion, ...]  #: of the records
     experiment: Residuals
     fit: Fit[BlockErrors]
+    values: dict[str, float]  #: the parameters by name, SI units
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
+    covariance: Floats  #: of the values in their order; not widened
     errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: first those fitted, then others
     gain: Gain | None = None  #: on held-out blocks over the simpler law
-
-    @cached_property
-    def values(self) -> dict[str, float]:
-        """The parameters by name, SI units."""
-        return dict(zip(self.model.names, self.fit.values.tolist(), strict=True))
 
     @property
     def rms(self) -> float:
@@ -158,7 +165,7 @@ class AxisEstimate:
     def held_out(self) -> Floats:
         """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
         end = self.fit.finished.end
-        return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
+        return held_out_squares(self.experiment, end, blocks_of(len(end.states)))
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
         """Return the gain on held-out blocks over a simpler model."""
@@ -222,9 +229,14 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
     result = fit(experiment, point)
-    errors = dict(zip(model.names, result.errors.tolist(), strict=True))
     return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
+        model=model,
+        motions=tuple(motions),
+        experiment=experiment,
+        fit=result,
+        values=dict(zip(model.names, result.values.tolist(), strict=True)),
+        standard_errors=dict(zip(model.names, result.errors.tolist(), strict=True)),
+        covariance=result.covariance,
     )
 
 
@@ -343,6 +355,10 @@ def identify_axis(
     for number, name in enumerate(wanted):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
         fits[name] = coulomb if name == "coulomb" else _fit_law(name, coulomb)
+    findings = [note("law", f"The law {law} was requested.")] if law else []
+    if law == "stribeck":
+        fits[law] = _with_exponent(fits[law])
+        findings += [note("exponent", EXPONENT_HELD)] if fits[law].values["stribeck_exponent"] == 1.0 else []
     run.progress(Progress(stage="held-out blocks"))
     for name, own in fits.items():
         simpler = fits.get(LAWS[name][1])
@@ -354,8 +370,11 @@ def identify_axis(
     _check_range(fits[chosen])
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
-    findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
-    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
+    if not law:
+        findings = [
+            note("law", f"The law {chosen} was selected."),
+            *_asymmetry_findings(best, fits["asymmetric"]),
+        ]
     findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
@@ -398,6 +417,7 @@ def _with_forces(
     uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
+    known = {"stribeck_exponent": 1.0, **known}
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     wider = model if options.gravity is not None else with_gravity(motions, model)
     start = inverse_model(motions, wider).values
@@ -446,6 +466,23 @@ def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     model = replace(coulomb.model, law=law)
     fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
     return min(fits, key=lambda fit: fit.rms)
+
+
+def _with_exponent(held: AxisEstimate) -> AxisEstimate:
+    """Return the fit of the law `stribeck` with delta among its values: estimated, or 1 and uncertain."""
+    name, known = "stribeck_exponent", dict(held.model.known)
+    del known[name]
+    model, blocks = replace(held.model, known=known), blocks_of(len(held.experiment.block_log))
+    wider = axis_experiment(model, held.motions, window_duration(held.motions))
+    found, covariance = with_parameter(
+        held.fit, wider, PARAMETERS[name].symbol, deviation=EXPONENT_DEVIATION, groups=blocks
+    )
+    values, errors = (
+        dict(zip(model.names, row.tolist(), strict=True)) for row in (found, np.sqrt(covariance.diagonal()))
+    )
+    if values[name] != held.model.known[name]:
+        held = fit_axis(replace(model, known={**known, name: values[name]}), held.motions, values)
+    return replace(held, values=values, standard_errors=errors, covariance=covariance)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:

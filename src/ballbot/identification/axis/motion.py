@@ -202,5 +202,7 @@ def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, Floats]:
         "gravity_cosine": np.cos(position),
     }
     force = motion.force(interpolated=model.interpolated)
-    columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
+    columns["force"] = force - sum(
+        value * columns[name] for name, value in model.known.items() if name in columns
+    )
     return {name: motion.lowpassed(column)[motion.moving] for name, column in columns.items()}
