@@ -154,8 +154,8 @@ def upside_down() -> Section:
         halves = np.array([0.5 * (number.upper - number.lower) / number.truth for number in done])
         half = float(np.median(halves[np.isfinite(halves)]))
         off = np.array([100.0 * (number.value / number.truth - 1.0) for number in done])
-        bias = f"{np.nanmean(off):+.2g} ± {np.nanstd(off, ddof=1) / math.sqrt(len(off)):.1g} %"
-        rows.append([name.replace("_", r"\_"), bias, *_share_cells(done), f"{100.0 * half:.2g} %"])
+        bias = f"{np.nanmean(off):+.2f} ± {np.nanstd(off, ddof=1) / math.sqrt(len(off)):.2f} %"
+        rows.append([name.replace("_", r"\_"), bias, *_share_cells(done), f"{100.0 * half:.3g} %"])
     return Section(
         title="Coverage of the intervals of friction upside down",
         before=f"Twins of {len(ROBOT_SEEDS)} robots with friction, play and grip of the rollers drawn, "
