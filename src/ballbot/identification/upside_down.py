@@ -203,28 +203,35 @@ def momentum_balance(
         X = h * projector @ np.concatenate([*of_wheels, np.stack(of_all, axis=2)], axis=2)
         return X.reshape(change.size, -1)
 
-    # friction is below the largest torque, and so is its viscous part at the usual speed
     usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
-    viscous, dry = (0.0, largest / usual), (0.0, largest)
-    bounds = {"viscous": viscous, "coulomb": dry, "stribeck": dry, "stribeck_speed": SHAPES}
-    parameters = [
-        quantity.parameter(label, bounds.get(quantity.name, quantity.bounds), quantity.neutral)
-        for quantity in QUANTITIES
-        for label in quantity.labels(n)
-    ]
-    # either sign: at a bound there is no standard error
-    contacts = {"B": ("N m s/rad", largest / usual), "C": ("N m", largest)}
-    parameters += [
-        FitParameter.about(name, 0.0, unit, within=most) for name, (unit, most) in contacts.items()
-    ]
     return residuals_without_states(
         lambda values: change.ravel() + derivatives(values) @ (linear * values),
-        parameters=parameters,
+        parameters=_parameters(n, largest=largest, usual=usual),
         dependences=(Dependence(through="stribeck", dependent=_SHAPE),),
         block=np.repeat(window.astype(np.int64), 3),
         block_log=np.array([number for number, _ in begins], dtype=np.int64),
         derivatives_of=derivatives,
     )
+
+
+def _parameters(count: int, *, largest: float, usual: float) -> list[FitParameter]:
+    """Return friction's parameters and the contacts', by the largest torque [N m] and the usual speed [rad/s].
+
+    Friction is below the largest torque, and so is its viscous part at the usual speed.
+    """
+    viscous, dry = (0.0, largest / usual), (0.0, largest)
+    bounds = {"viscous": viscous, "coulomb": dry, "stribeck": dry, "stribeck_speed": SHAPES}
+    of_friction = [
+        quantity.parameter(label, bounds.get(quantity.name, quantity.bounds), quantity.neutral)
+        for quantity in QUANTITIES
+        for label in quantity.labels(count)
+    ]
+    # either sign: at a bound there is no standard error
+    contacts = {"B": ("N m s/rad", largest / usual), "C": ("N m", largest)}
+    of_contacts = [
+        FitParameter.about(name, 0.0, unit, within=most) for name, (unit, most) in contacts.items()
+    ]
+    return [*of_friction, *of_contacts]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
