@@ -41,7 +41,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "disturbance": "something other than wheels and gravity moves the lean",
         "encoders": "an encoder counts for another wheel, backward, with another scale or not at all",
         "excitation": "the logs do not excite a parameter",
-        "exponent": "the data do not tell delta, which is held at 1",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
         "file-value": "a value of the robot file that the logs refute, or of which no log tells anything",

@@ -73,7 +73,7 @@ def test_delta_is_estimated_from_a_wheel_that_often_starts_and_stops():
     fit = fit_driveline(sweep)
     # without noise but for encoder counts, to some per mille
     np.testing.assert_allclose(fit.values[2:], [0.04, 0.8, 2.0], rtol=0.01)
-    assert all(finding.code != "exponent" for finding in fit.findings)
+    assert all(finding.code != "excitation" for finding in fit.findings)
 
 
 @pytest.mark.parametrize(("delta", "of_file"), [(1.0, "assumed: the sweep"), (1.4, "identified: a sweep")])
@@ -106,7 +106,7 @@ def test_a_robot_file_has_the_mean_shape_of_its_wheels_with_the_errors_of_one(de
 def test_a_sweep_in_one_direction_is_refused():
     t = np.arange(4000) * SAMPLE_TIME
     torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
-    line = Driveline(inertia=0.003, friction=friction_of(np.array([0.02, 0.1, 0.05, 0.3])))
+    line = Driveline(inertia=0.003, friction=friction_of(np.array([0.02, 0.1, 0.05, 0.3, 1.0])))
     motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speed=20.0)
     speed = np.append(20.0, motion.speeds) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
     with pytest.raises(InputError, match="coulomb and offset"):

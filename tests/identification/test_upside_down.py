@@ -64,6 +64,14 @@ class TestPlant:
         found = run(BALL, FRICTION, start, np.tile([0.2, -0.1, 0.1], (40, 1)))
         np.testing.assert_allclose(found[-1], reference.y[:, -1], rtol=1e-9)
 
+    def test_loss_at_the_contacts_slows_the_ball_exponentially(self):
+        start, B = np.array([3.0, -2.0, 5.0]), 0.02
+        found = run(replace(BALL, loss=B), NONE, start, np.zeros((200, 3)))
+        rates, axes = np.linalg.eig(np.linalg.inv(BALL.inertia) * B)
+        exact = axes @ (np.exp(-rates) * np.linalg.solve(axes, start))
+        # of first order in steps of 1 ms: half the step over the time constant, here 2 s
+        np.testing.assert_allclose(found[-1], exact, rtol=1e-3)
+
     def test_what_friction_can_hold_stays_exactly_at_rest(self):
         limits = np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck)
         assert not run(BALL, FRICTION, np.zeros(3), np.tile(0.999 * limits, (20, 1))).any()

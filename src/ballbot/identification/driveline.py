@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError
@@ -20,7 +19,7 @@ from ballbot.fitting.uncertainty import correlation
 from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, record_of_rows
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import LEAST_ROWS
-from ballbot.identification.quantities import BY_NAME, FRICTION
+from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
@@ -164,10 +163,9 @@ class DrivelineFit:
 
 
 def friction_of(values: Floats) -> Friction:
-    """Return the friction of one wheel by b, c, s, v_s, delta (5,), or of delta = 1 by the others (4,)."""
-    return Axis(
-        values=dict(zip((quantity.name for quantity in QUANTITIES), values.tolist(), strict=False))
-    ).law
+    """Return the friction of one wheel by b, c, s, v_s, delta (5,)."""
+    names = (quantity.name for quantity in QUANTITIES)
+    return Axis(values=dict(zip(names, values.tolist(), strict=True))).law
 
 
 def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
@@ -178,7 +176,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     >>> from ballbot.simulation.driveline import simulate_driveline
     >>> t = 0.005 * np.arange(4000)
     >>> torque = np.sin(2.0 * np.pi * t / 20.0)
-    >>> line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.03, 0.7])))
+    >>> line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.03, 0.7, 1.0])))
     >>> motion = simulate_driveline(line, torque[:-1], sample_time=0.005)
     >>> speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
     >>> sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=angle)
@@ -208,7 +206,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         values=values,
         standard_errors=errors,
         intervals=np.column_stack([np.maximum(values - halves, 0.0), values + halves]),
-        correlation=np.nan_to_num(correlation(best.covariance)[np.ix_(rows, rows)]),
+        correlation=np.nan_to_num(correlation(best.fit.covariance)[np.ix_(rows, rows)]),
         predicted=predicted,
         without=without,
         rmse=float(np.sqrt(np.nanmean((predicted - sweep.speed) ** 2))),
@@ -227,14 +225,13 @@ def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -
     `estimate` has b, c and s of each wheel, v_s and delta (3 n + 2). These last two are NaN if no wheel has s; a delta
     of 1 was held.
     """
-    own, known = robot.friction, bool(np.isfinite(estimate.values[-1]))
+    layout, own = Layout(wheel_count=robot.wheel_count), robot.friction
     empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)
 
     def robot_of(numbers: Floats) -> Robot:
-        b, c, s = (tuple(row) for row in numbers[:-2].reshape(3, -1).tolist())
-        v_s, delta = numbers[-2:].tolist() if known else (own.stribeck_speed, own.stribeck_exponent)
-        shape = {"stribeck_speed": v_s, "stribeck_exponent": delta}
-        return robot.replace(friction=replace(empty, viscous=b, coulomb=c, stribeck=s, **shape))
+        numbers = np.append(numbers, own.rolling)
+        known = np.where(np.isfinite(numbers), numbers, layout.nominal(robot))
+        return layout.robot_of(robot.replace(friction=empty), known)
 
     names = [f"friction.{quantity.name}" for quantity in QUANTITIES]
     moved = robot_of(estimate.values)
@@ -253,23 +250,22 @@ def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
     value, from the errors of the mean and the scatter of the wheels, and at least from a single wheel's errors.
     """
     count = len(fits)
-    values, errors = (
-        np.array([getattr(fit, name) for fit in fits]) for name in ("values", "standard_errors")
+    faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
+    values, C = np.zeros(3 * count + 2), np.zeros((3 * count + 2, 3 * count + 2))
+    for number, fit in enumerate(fits):
+        # the wheel's b, c, s and its share in v_s and delta
+        T = np.zeros((3 * count + 2, 5))
+        T[[number, count + number, 2 * count + number], range(3)] = 1.0
+        T[[-2, -1], [3, 4]] = faded[number] / max(faded.sum(), 1)
+        errors = np.nan_to_num(fit.standard_errors)
+        C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
+        values += T @ fit.values
+    shapes, errors = np.array([[fit.values[3:], fit.standard_errors[3:]] for fit in fits])[faded].swapaxes(
+        0, 1
     )
-    faded = np.isfinite(errors[:, 3])
-    # the wheels' b, c and s, and their shares in v_s and delta
-    T = np.zeros((3 * count + 2, count, 5))
-    for number in range(count):
-        T[[number, count + number, 2 * count + number], number, range(3)] = 1.0
-    T[-2:, :, 3:] = np.eye(2)[:, None, :] * (faded / max(faded.sum(), 1))[:, None]
-    T, errors = T.reshape(3 * count + 2, -1), np.nan_to_num(errors)
-    correlations = scipy.linalg.block_diag(*(fit.correlation for fit in fits))
-    C, means = T @ (correlations * np.outer(errors, errors)) @ T.T, T @ values.ravel()
-    if faded.any():
-        scatter = np.var(values[faded, 3:], axis=0, ddof=1) if faded.sum() > 1 else 0.0
-        of_one = np.mean(errors[faded, 3:] ** 2, axis=0)
-        C[[-2, -1], [-2, -1]] = np.maximum(C.diagonal()[-2:] + scatter, of_one)
+    if len(shapes):
+        scatter = np.var(shapes, axis=0, ddof=1) if len(shapes) > 1 else 0.0
+        C[[-2, -1], [-2, -1]] = np.maximum(C.diagonal()[-2:] + scatter, np.mean(errors**2, axis=0))
     else:
-        means[-2:] = np.nan
-    labels = (*(f"{symbol}{fit.wheel}" for symbol in ("b", "c", "s") for fit in fits), *NAMES[3:])
-    return StageEstimate("the sweep", labels, means, C)
+        values[-2:] = np.nan
+    return StageEstimate("the sweep", Layout(wheel_count=count).labels[:-1], values, C)

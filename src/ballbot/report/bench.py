@@ -151,8 +151,7 @@ def prediction_series(fit: UpsideDown, log: Log) -> TimeSeries:
     every = cut_ball_windows(fit.robot, [log], duration=fit.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    frictions = fit.robot.friction, Friction.none(fit.robot.wheel_count)
-    predicted = np.array([predicted_velocity(windows, fit.robot, friction) for friction in frictions])
+    predicted = np.array([predicted_velocity(windows, *fit.models[name]) for name in ("found", "none")])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in fit.held_out_windows}

@@ -7,7 +7,7 @@ hides the friction; over much longer ones a single moment of sticking determines
 
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
 is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined. Of a
-law `stribeck` that is requested, so is delta; otherwise it is 1, and the errors include those of other deltas.
+law `stribeck` that is requested, so is delta; otherwise it is held at 1.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
 record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
@@ -26,23 +26,13 @@ from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
-from ballbot.fitting.fit import Fit, fit, held_out_squares, with_parameter
+from ballbot.fitting.fit import Fit, fit, held_out_squares, released
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.model_selection import Gain, gain_between, neighbours
+from ballbot.fitting.model_selection import Gain, blocks_of, gain_between
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import block_length, resamples
-from ballbot.identification.axis.model import (
-    EXPONENT_DEVIATION,
-    EXPONENT_HELD,
-    FORCES,
-    LAWS,
-    PARAMETERS,
-    Axis,
-    AxisModel,
-    Values,
-    unit_for,
-)
+from ballbot.fitting.uncertainty import resamples
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
 from ballbot.identification.axis.motion import (
     CLEAR,
     AxisMotion,
@@ -59,8 +49,14 @@ from ballbot.summary import Reported
 WINDOW = 1.0
 #: least windows for a covariance of six parameters
 _LEAST_WINDOWS = 9
-#: number of blocks of time, which are held out and drawn together
-_BLOCKS = 12
+#: standard deviation of a delta that is held at 1: laws in use have 0.5 to 2 (B. Armstrong-Helouvry, P. Dupont and
+#: C. Canudas de Wit, A survey of models, Automatica 30 (1994) 1083-1138), and 2 is then two deviations away
+DELTA_DEVIATION = 0.5
+_WORDS = (
+    "How sharply s fades with speed does not show: delta is held at 1. If it is larger, s is smaller and v_s larger. "
+    "The 95 % intervals include what deltas from 0.5 to 2 would change."
+)
+DELTA_HELD = note("excitation", _WORDS)
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -111,7 +107,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         return np.concatenate(positions)[rows] - np.concatenate([measured[block] for block in blocks])
 
     return Residuals(
-        coordinates=ParameterSpace(parameters=_parameters(model, motions)),
+        coordinates=ParameterSpace(parameters=_parameters(model, motions)).holding(*model.held),
         errors_of=errors,
         block=np.repeat(np.arange(len(log)), [len(rows) for rows in measured]),
         block_log=log,
@@ -148,13 +144,15 @@ class AxisEstimate:
 
     model: AxisModel
     motions: tuple[AxisMotion, ...]  #: of the records
-    experiment: Residuals
     fit: Fit[BlockErrors]
-    values: dict[str, float]  #: the parameters by name, SI units
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
-    covariance: Floats  #: of the values in their order; not widened
     errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: first those fitted, then others
     gain: Gain | None = None  #: on held-out blocks over the simpler law
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """The parameters by name, SI units."""
+        return dict(zip(self.model.names, self.fit.values.tolist(), strict=True))
 
     @property
     def rms(self) -> float:
@@ -164,8 +162,7 @@ class AxisEstimate:
     @cached_property
     def held_out(self) -> Floats:
         """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
-        end = self.fit.finished.end
-        return held_out_squares(self.experiment, end, blocks_of(len(end.states)))
+        return held_out_squares(self.fit)
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
         """Return the gain on held-out blocks over a simpler model."""
@@ -229,20 +226,8 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
     result = fit(experiment, point)
-    return AxisEstimate(
-        model=model,
-        motions=tuple(motions),
-        experiment=experiment,
-        fit=result,
-        values=dict(zip(model.names, result.values.tolist(), strict=True)),
-        standard_errors=dict(zip(model.names, result.errors.tolist(), strict=True)),
-        covariance=result.covariance,
-    )
-
-
-def blocks_of(windows: int) -> list[Ints]:
-    """Return the windows of each block of time, neighbours that are held out and drawn together."""
-    return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
+    errors = dict(zip(model.names, result.errors.tolist(), strict=True))
+    return AxisEstimate(model=model, motions=tuple(motions), fit=result, standard_errors=errors)
 
 
 #: least gain on held-out blocks for which a force or a law is kept
@@ -355,10 +340,8 @@ def identify_axis(
     for number, name in enumerate(wanted):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
         fits[name] = coulomb if name == "coulomb" else _fit_law(name, coulomb)
-    findings = [note("law", f"The law {law} was requested.")] if law else []
     if law == "stribeck":
         fits[law] = _with_exponent(fits[law])
-        findings += [note("exponent", EXPONENT_HELD)] if fits[law].values["stribeck_exponent"] == 1.0 else []
     run.progress(Progress(stage="held-out blocks"))
     for name, own in fits.items():
         simpler = fits.get(LAWS[name][1])
@@ -370,11 +353,9 @@ def identify_axis(
     _check_range(fits[chosen])
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
-    if not law:
-        findings = [
-            note("law", f"The law {chosen} was selected."),
-            *_asymmetry_findings(best, fits["asymmetric"]),
-        ]
+    findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
+    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
+    findings += [DELTA_HELD] if fits[chosen].fit.moved is not None else []
     findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
@@ -417,8 +398,10 @@ def _with_forces(
     uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
-    known = {"stribeck_exponent": 1.0, **known}
-    model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
+    known = known if options.law == "stribeck" else {"stribeck_exponent": 1.0, **known}
+    model = AxisModel(
+        law="coulomb", forces=forces, interpolated=uneven, known=known, held=("stribeck_exponent",)
+    )
     wider = model if options.gravity is not None else with_gravity(motions, model)
     start = inverse_model(motions, wider).values
     if start.get("mass", 1.0) <= 0.0:
@@ -460,7 +443,8 @@ def _useful(gain: Gain | None) -> bool:
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
-    begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
+    begin = {name: PARAMETERS[name].default for name in LAWS[law][0]} | coulomb.values
+    begin["stribeck"] = 0.2 * coulomb.values["coulomb"]
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
@@ -469,20 +453,13 @@ def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
 
 
 def _with_exponent(held: AxisEstimate) -> AxisEstimate:
-    """Return the fit of the law `stribeck` with delta among its values: estimated, or 1 and uncertain."""
-    name, known = "stribeck_exponent", dict(held.model.known)
-    del known[name]
-    model, blocks = replace(held.model, known=known), blocks_of(len(held.experiment.block_log))
+    """Return the fit with delta free if held-out blocks support it, otherwise with what other deltas may change."""
+    model = replace(held.model, held=())
     wider = axis_experiment(model, held.motions, window_duration(held.motions))
-    found, covariance = with_parameter(
-        held.fit, wider, PARAMETERS[name].symbol, deviation=EXPONENT_DEVIATION, groups=blocks
-    )
-    values, errors = (
-        dict(zip(model.names, row.tolist(), strict=True)) for row in (found, np.sqrt(covariance.diagonal()))
-    )
-    if values[name] != held.model.known[name]:
-        held = fit_axis(replace(model, known={**known, name: values[name]}), held.motions, values)
-    return replace(held, values=values, standard_errors=errors, covariance=covariance)
+    own = released(held.fit, wider, "stribeck_exponent", deviation=DELTA_DEVIATION)
+    errors = dict(zip(model.names, own.errors.tolist(), strict=True))
+    model = model if own.moved is None else held.model
+    return replace(held, model=model, fit=own, standard_errors=errors)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:

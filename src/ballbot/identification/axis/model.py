@@ -37,18 +37,12 @@ _REACH = 100.0
 #: a driver, a bus and a filter take less [s]: no position loop of an axis would be stable with more
 LONGEST_DELAY = 0.1
 _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
+#: of those without such a size
 _BOUNDS: Mapping[str, Limits] = {
     "load": (0.0, 1.0),
     "delay": (-LONGEST_DELAY, LONGEST_DELAY),
     "stribeck_exponent": BY_NAME["stribeck_exponent"].bounds,
 }
-#: standard deviation of a delta that is held at 1: laws in use have 0.5 to 2 (B. Armstrong-Helouvry, P. Dupont and
-#: C. Canudas de Wit, A survey of models, Automatica 30 (1994) 1083-1138), and 2 is then two deviations away
-EXPONENT_DEVIATION = 0.5
-EXPONENT_HELD = (
-    "The data do not tell how sharply s fades with speed: delta is held at 1, as in most laws, and the 95 % intervals "
-    "include what deltas from 0.5 to 2 would change."
-)
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("mass", "M", "kg", "mass or inertia", "ratio"),
     ("viscous", "b", "N s/m", "viscous", "amount"),
@@ -85,15 +79,13 @@ def unit_for(parameter: FitParameter, axis_unit: str) -> str:
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 
+_COULOMB = ("mass", "viscous", "coulomb", "offset")
 #: friction laws: the parameters of each, and the simpler law with which it is compared
 LAWS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "viscous": (("mass", "viscous", "offset"), ""),
-    "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
-    "stribeck": (
-        ("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed", "stribeck_exponent"),
-        "coulomb",
-    ),
-    "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
+    "coulomb": (_COULOMB, "viscous"),
+    "stribeck": ((*_COULOMB, "stribeck", "stribeck_speed", "stribeck_exponent"), "coulomb"),
+    "asymmetric": ((*_COULOMB, "asymmetry"), "coulomb"),
 }
 #: optional forces, and their parameters
 FORCES: Mapping[str, tuple[str, ...]] = {
@@ -111,6 +103,7 @@ class AxisModel:
     forces: tuple[str, ...] = ()  #: those of `FORCES`
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
+    held: tuple[str, ...] = ()  #: estimated ones that are held at their defaults
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -178,14 +171,13 @@ _MOST_STEPS = 50
 class Axis:
     """A mass with friction, a constant force against it and gravity."""
 
-    values: Values  #: by name; missing parameters are zero
+    values: Values  #: by name; others have no effect
     interpolated: bool = False  #: whether the force changes linearly between rows
 
     @cached_property
     def _all(self) -> dict[str, float]:
         """The values of all parameters."""
-        neutral = {"stribeck_speed": 1.0, "stribeck_exponent": 1.0}
-        return {**dict.fromkeys(PARAMETERS, 0.0), **neutral, **self.values}
+        return {**{name: kind.default for name, kind in PARAMETERS.items()}, **self.values}
 
     @property
     def law(self) -> Friction:
