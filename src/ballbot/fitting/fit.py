@@ -526,21 +526,21 @@ def held_out_squares(fitted: Fit[BlockErrors]) -> Floats:
 def released(held: Fit[BlockErrors], wider: Residuals, name: str, *, deviation: float) -> Fit[BlockErrors]:
     """Return the fit of `wider`, in which a quantity of one number that `held` holds is free.
 
-    If held-out blocks do not support it, return `held` with errors that include the quantity's standard deviation [SI].
-    The others move with it by -H^-1 H_name (S. F. Schmidt, Application of state-space methods to navigation problems,
-    Advances in Control Systems 3 (1966) 293-340).
+    If held-out blocks do not support it, or its standard error is not below the `deviation` that it has anyway [SI],
+    return `held` with errors that include this deviation. The others move with it by -H^-1 H_name (S. F. Schmidt,
+    Application of state-space methods to navigation problems, Advances in Control Systems 3 (1966) 293-340).
     """
     space, kept = wider.coordinates, held.estimated
     index, point = space.names.index(name), space.scaled(held.values)
     free, blocks = fit(wider, point), blocks_of(len(wider.block_log))
     squares, others = (held_out_squares(own)[:, None] for own in (free, held))
-    if free.estimated[index] and gain_between(squares, others, blocks).significant:
+    if free.errors[index] < deviation and gain_between(squares, others, blocks).significant:
         return free
     H = wider.equations(wider.begin(point, held.finished.end)).matrix
     moved = (np.arange(len(point)) == index).astype(float)
     moved[kept] = np.linalg.solve(H[np.ix_(kept, kept)], -H[kept, index])
-    slopes = space.slopes(point)
-    return replace(held, moved=deviation / slopes[index] * slopes * moved)
+    moved *= space.slopes(point)
+    return replace(held, moved=deviation * moved / moved[index])
 
 
 # --- intervals ---

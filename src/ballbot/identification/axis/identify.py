@@ -340,8 +340,6 @@ def identify_axis(
     for number, name in enumerate(wanted):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
         fits[name] = coulomb if name == "coulomb" else _fit_law(name, coulomb)
-    if law == "stribeck":
-        fits[law] = _with_exponent(fits[law])
     run.progress(Progress(stage="held-out blocks"))
     for name, own in fits.items():
         simpler = fits.get(LAWS[name][1])
@@ -399,9 +397,7 @@ def _with_forces(
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
     known = known if options.law == "stribeck" else {"stribeck_exponent": 1.0, **known}
-    model = AxisModel(
-        law="coulomb", forces=forces, interpolated=uneven, known=known, held=("stribeck_exponent",)
-    )
+    model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     wider = model if options.gravity is not None else with_gravity(motions, model)
     start = inverse_model(motions, wider).values
     if start.get("mass", 1.0) <= 0.0:
@@ -449,7 +445,8 @@ def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
     fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
-    return min(fits, key=lambda fit: fit.rms)
+    best = min(fits, key=lambda fit: fit.rms)
+    return _with_exponent(best) if "stribeck_exponent" in model.names else best
 
 
 def _with_exponent(held: AxisEstimate) -> AxisEstimate:

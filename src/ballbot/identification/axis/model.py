@@ -103,7 +103,7 @@ class AxisModel:
     forces: tuple[str, ...] = ()  #: those of `FORCES`
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
-    held: tuple[str, ...] = ()  #: estimated ones that are held at their defaults
+    held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
 
     @property
     def names(self) -> tuple[str, ...]:
