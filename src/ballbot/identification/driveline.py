@@ -260,12 +260,9 @@ def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
         errors = np.nan_to_num(fit.standard_errors)
         C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
         values += T @ fit.values
-    shapes, errors = np.array([[fit.values[3:], fit.standard_errors[3:]] for fit in fits])[faded].swapaxes(
-        0, 1
-    )
-    if len(shapes):
-        scatter = np.var(shapes, axis=0, ddof=1) if len(shapes) > 1 else 0.0
-        C[[-2, -1], [-2, -1]] = np.maximum(C.diagonal()[-2:] + scatter, np.mean(errors**2, axis=0))
-    else:
-        values[-2:] = np.nan
+    rows = np.array([[fit.values[3:], fit.standard_errors[3:]] for fit in fits])[faded]
+    values[-2:] = rows[:, 0].mean(axis=0) if len(rows) else np.nan
+    if len(rows):
+        scatter = np.var(rows[:, 0], axis=0, ddof=1) if len(rows) > 1 else 0.0
+        C[[-2, -1], [-2, -1]] = np.maximum(C.diagonal()[-2:] + scatter, np.mean(rows[:, 1] ** 2, axis=0))
     return StageEstimate("the sweep", Layout(wheel_count=count).labels[:-1], values, C)

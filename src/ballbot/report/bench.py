@@ -289,8 +289,7 @@ def driveline_report(
         ],
         undecided=[
             *texts(of_fits),
-            "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a "
-            "second each time. The inertia is from the robot file.",
+            "The inertia is from the robot file.",
         ],
         findings=findings,
         data={

@@ -7,7 +7,7 @@ hides the friction; over much longer ones a single moment of sticking determines
 
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
 is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined. Of a
-law `stribeck` that is requested, so is delta; otherwise it is held at 1.
+law `stribeck` that is requested, so is delta, which is otherwise 1 with a standard deviation that the errors include.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
 record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
@@ -52,11 +52,11 @@ _LEAST_WINDOWS = 9
 #: standard deviation of a delta that is held at 1: laws in use have 0.5 to 2 (B. Armstrong-Helouvry, P. Dupont and
 #: C. Canudas de Wit, A survey of models, Automatica 30 (1994) 1083-1138), and 2 is then two deviations away
 DELTA_DEVIATION = 0.5
-_WORDS = (
+DELTA_HELD = note(
+    "excitation",
     "How sharply s fades with speed does not show: delta is held at 1. If it is larger, s is smaller and v_s larger. "
-    "The 95 % intervals include what deltas from 0.5 to 2 would change."
+    "The 95 % intervals include what deltas from 0.5 to 2 would change.",
 )
-DELTA_HELD = note("excitation", _WORDS)
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -446,17 +446,13 @@ def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     model = replace(coulomb.model, law=law)
     fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
     best = min(fits, key=lambda fit: fit.rms)
-    return _with_exponent(best) if "stribeck_exponent" in model.names else best
-
-
-def _with_exponent(held: AxisEstimate) -> AxisEstimate:
-    """Return the fit with delta free if held-out blocks support it, otherwise with what other deltas may change."""
-    model = replace(held.model, held=())
-    wider = axis_experiment(model, held.motions, window_duration(held.motions))
-    own = released(held.fit, wider, "stribeck_exponent", deviation=DELTA_DEVIATION)
+    if "stribeck_exponent" not in model.names:
+        return best
+    wider = axis_experiment(replace(model, held=()), best.motions, window_duration(best.motions))
+    own = released(best.fit, wider, "stribeck_exponent", deviation=DELTA_DEVIATION)
     errors = dict(zip(model.names, own.errors.tolist(), strict=True))
-    model = model if own.moved is None else held.model
-    return replace(held, model=model, fit=own, standard_errors=errors)
+    model = replace(model, held=() if own.moved is None else model.held)
+    return replace(best, model=model, fit=own, standard_errors=errors)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:
