@@ -28,6 +28,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "closed-loop": "which model predicts the closed loop better",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "constant": "a column never changes",
+        "contacts": "what the ball loses where the wheels touch it",
         "copied": "two columns have the same values",
         "correlated": "parameters that the data cannot separate",
         "corrupted": "rows with corrupted values are not used",

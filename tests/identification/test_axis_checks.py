@@ -80,7 +80,7 @@ def limited_wheel() -> AxisRecord:
     """Return a wheel under a slow sine of torque whose supply limits its speed."""
     h, curve = 5e-3, TorqueSpeedCurve(no_load_speed=27.0, stall_torque=1e4)
     torque = np.sin(2.0 * np.pi * np.arange(12_000) * h / 30.0)
-    friction = friction_of(np.array([0.014, 0.11, 0.0, 1.0]))
+    friction = friction_of(np.array([0.014, 0.11, 0.0, 1.0, 1.0]))
     line = Driveline(inertia=0.01, friction=friction, speed_limit=curve)
     angles = np.append(0.0, simulate_driveline(line, torque[:-1], sample_time=h).angles)
     count = 2.0 * np.pi / 4096  # of the encoder

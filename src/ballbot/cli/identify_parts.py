@@ -43,10 +43,10 @@ def identify_driveline(
     mapping: options.Mapping = None,
     accept: options.Accept = None,
 ) -> None:
-    """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
+    """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
 
     Each wheel is an axis of the robot file's inertia (`ballbot identify-axis`) with that law. Writes report.html,
-    results.json and robot.toml (with each wheel's b, c and s, the mean of v_s, and their standard deviations and
+    results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, their standard deviations and
     correlations). If the friction in the robot file has standard deviations, the two are compared.
 
     Example: ballbot identify-driveline alten sweep/log.csv --out found

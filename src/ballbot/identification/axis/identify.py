@@ -6,7 +6,8 @@ so that noise there does not count as friction. Windows last `WINDOW`: over much
 hides the friction; over much longer ones a single moment of sticking determines all that follows.
 
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
-is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
+is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined. Of a
+law `stribeck` that is requested, so is delta, which is otherwise 1 with a standard deviation that the errors include.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
 record by itself.
 """
@@ -25,11 +26,11 @@ from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
-from ballbot.fitting.fit import Fit, fit, held_out_squares
-from ballbot.fitting.model_selection import Gain, gain_between, neighbours
+from ballbot.fitting.fit import Fit, fit, held_out_squares, released
+from ballbot.fitting.model_selection import Gain, blocks_of, gain_between
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import block_length, resamples
+from ballbot.fitting.uncertainty import resamples
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
 from ballbot.identification.axis.motion import (
     CLEAR,
@@ -47,9 +48,14 @@ from ballbot.summary import Reported
 WINDOW = 1.0
 #: least windows for a covariance of six parameters
 _LEAST_WINDOWS = 9
-#: number of blocks of time, which are held out and drawn together, and of folds
-_BLOCKS = 12
-_FOLDS = 3
+#: standard deviation of a delta that is held at 1: laws in use have 0.5 to 2 (B. Armstrong-Helouvry, P. Dupont and
+#: C. Canudas de Wit, A survey of models, Automatica 30 (1994) 1083-1138), and 2 is then two deviations away
+DELTA_DEVIATION = 0.5
+DELTA_HELD = note(
+    "excitation",
+    "How sharply s fades with speed does not show: delta is held at 1. If it is larger, s is smaller and v_s larger. "
+    "The 95 % intervals include what deltas from 0.5 to 2 would change.",
+)
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -100,7 +106,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         return np.concatenate(positions)[rows] - np.concatenate([measured[block] for block in blocks])
 
     return Residuals(
-        coordinates=ParameterSpace(parameters=_parameters(model, motions)),
+        coordinates=ParameterSpace(parameters=_parameters(model, motions)).holding(*model.held),
         errors_of=errors,
         block=np.repeat(np.arange(len(log)), [len(rows) for rows in measured]),
         block_log=log,
@@ -137,7 +143,6 @@ class AxisEstimate:
 
     model: AxisModel
     motions: tuple[AxisMotion, ...]  #: of the records
-    experiment: Residuals
     fit: Fit[BlockErrors]
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
     errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: first those fitted, then others
@@ -156,8 +161,7 @@ class AxisEstimate:
     @cached_property
     def held_out(self) -> Floats:
         """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
-        end = self.fit.finished.end
-        return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
+        return held_out_squares(self.fit)
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
         """Return the gain on held-out blocks over a simpler model."""
@@ -215,14 +219,7 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
         )
     result = fit(experiment, point)
     errors = dict(zip(model.names, result.errors.tolist(), strict=True))
-    return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
-    )
-
-
-def blocks_of(windows: int) -> list[Ints]:
-    """Return the windows of each block of time, neighbours that are held out and drawn together."""
-    return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
+    return AxisEstimate(model=model, motions=tuple(motions), fit=result, standard_errors=errors)
 
 
 #: least gain on held-out blocks for which a force or a law is kept
@@ -345,6 +342,7 @@ def identify_axis(
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
+    findings += [DELTA_HELD] if fits[chosen].fit.moved is not None else []
     findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen])]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
@@ -387,6 +385,7 @@ def _with_forces(
     uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
+    known = known if options.law == "stribeck" else {"stribeck_exponent": 1.0, **known}
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     wider = model if options.gravity is not None else with_gravity(motions, model)
     start = inverse_model(motions, wider).values
@@ -429,12 +428,20 @@ def _useful(gain: Gain | None) -> bool:
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
-    begin = {**coulomb.values, "stribeck": 0.2 * coulomb.values["coulomb"]}
+    begin = {name: PARAMETERS[name].default for name in LAWS[law][0]} | coulomb.values
+    begin["stribeck"] = 0.2 * coulomb.values["coulomb"]
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
     fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
-    return min(fits, key=lambda fit: fit.rms)
+    best = min(fits, key=lambda fit: fit.rms)
+    if "stribeck_exponent" not in model.names:
+        return best
+    wider = axis_experiment(replace(model, held=()), best.motions, window_duration(best.motions))
+    own = released(best.fit, wider, "stribeck_exponent", deviation=DELTA_DEVIATION)
+    errors = dict(zip(model.names, own.errors.tolist(), strict=True))
+    model = replace(model, held=() if own.moved is None else model.held)
+    return replace(best, model=model, fit=own, standard_errors=errors)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:

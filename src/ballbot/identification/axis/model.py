@@ -1,6 +1,6 @@
 """One axis with friction: its parameters, friction laws and motion.
 
-    M a = F - offset - G(q) - b v - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
+    M a = F - offset - G(q) - b v - (c + s exp(-|v/v_s|^delta) + mu W) sgn(v)    G(q) = S sin q + C cos q
 
 G is gravity on an axis that turns. A difference of Coulomb friction between the directions is part of the offset. Dry
 friction may grow with the load W = |F + G(q)| / 2 of the gears: M. Duclusaud et al., Extended friction models for the
@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot.arrays import Floats, Ints
-from ballbot.fitting.parameter import FitParameter, Scale
+from ballbot.fitting.parameter import FitParameter, Limits, Scale
+from ballbot.identification.quantities import BY_NAME
 from ballbot.mechanics.driveline import UNLIMITED, Inertia, move
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import Wheel, steady_friction
@@ -35,6 +36,12 @@ _REACH = 100.0
 #: a driver, a bus and a filter take less [s]: no position loop of an axis would be stable with more
 LONGEST_DELAY = 0.1
 _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
+#: of those without such a size
+_BOUNDS: Mapping[str, Limits] = {
+    "load": (0.0, 1.0),
+    "delay": (-LONGEST_DELAY, LONGEST_DELAY),
+    "stribeck_exponent": BY_NAME["stribeck_exponent"].bounds,
+}
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("mass", "M", "kg", "mass or inertia", "ratio"),
     ("viscous", "b", "N s/m", "viscous", "amount"),
@@ -42,6 +49,7 @@ _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("offset", "offset", "N", "constant force", "signed"),
     ("stribeck", "s", "N", "break-away above Coulomb", "amount"),
     ("stribeck_speed", "v_s", "m/s", "Stribeck speed", "ratio"),
+    ("stribeck_exponent", "delta", "1", "how sharply s fades", "ratio"),
     ("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
     ("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
     ("load", "mu", "1", "Coulomb, as a share of the load", "amount"),
@@ -55,9 +63,7 @@ PARAMETERS: Mapping[str, FitParameter] = {
         symbol=symbol,
         unit=unit,
         scale=scale,
-        bounds={"load": (0.0, 1.0), "delay": (-LONGEST_DELAY, LONGEST_DELAY)}.get(
-            name, (_LEAST[scale], _REACH)
-        ),
+        bounds=_BOUNDS.get(name, (_LEAST[scale], _REACH)),
         default=1.0 if scale == "ratio" else 0.0,
         meaning=meaning,
     )
@@ -71,11 +77,12 @@ def unit_for(parameter: FitParameter, axis_unit: str) -> str:
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 
+_COULOMB = ("mass", "viscous", "coulomb", "offset")
 #: friction laws: the parameters of each, and the simpler law with which it is compared
 LAWS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "viscous": (("mass", "viscous", "offset"), ""),
-    "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
-    "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
+    "coulomb": (_COULOMB, "viscous"),
+    "stribeck": ((*_COULOMB, "stribeck", "stribeck_speed", "stribeck_exponent"), "coulomb"),
 }
 #: optional forces, and their parameters
 FORCES: Mapping[str, tuple[str, ...]] = {
@@ -93,6 +100,7 @@ class AxisModel:
     forces: tuple[str, ...] = ()  #: those of `FORCES`
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
+    held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -158,19 +166,20 @@ _MOST_STEPS = 50
 class Axis:
     """A mass with friction, a constant force against it and gravity."""
 
-    values: Values  #: by name; missing parameters are zero
+    values: Values  #: by name; others have no effect
     interpolated: bool = False  #: whether the force changes linearly between rows
 
     @cached_property
     def _all(self) -> dict[str, float]:
         """The values of all parameters."""
-        return {**dict.fromkeys(PARAMETERS, 0.0), "stribeck_speed": 1.0, **self.values}
+        return {**{name: kind.default for name, kind in PARAMETERS.items()}, **self.values}
 
     @property
-    def _friction(self) -> Friction:
+    def law(self) -> Friction:
         """The friction without load, as that of one wheel."""
-        b, c, s, v_s = (self._all[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
-        return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
+        amounts = {name: (self._all[name],) for name in ("viscous", "coulomb", "stribeck")}
+        shape = {name: self._all[name] for name in ("stribeck_speed", "stribeck_exponent")}
+        return replace(Friction.none(1), **amounts, **shape)
 
     def windows(self, force: Floats, h: float, firsts: Ints, counts: Ints, starts: Floats) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
@@ -182,7 +191,7 @@ class Axis:
         acting = force - values["offset"]
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         states = np.empty((int(counts.sum()), 2))
-        (wheel,) = wheels_of(self._friction)
+        (wheel,) = wheels_of(self.law)
         assert isinstance(wheel, Wheel)
         numbers = _AxisNumbers(
             wheel=wheel,
@@ -196,7 +205,7 @@ class Axis:
 
     def friction(self, speed: Floats) -> Floats:
         """Return the friction without load [N] at speeds (N,)."""
-        return steady_friction(speed, self._friction)
+        return steady_friction(speed, self.law)
 
     def other_forces(self, force: Floats, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
         """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""

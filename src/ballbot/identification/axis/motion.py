@@ -201,5 +201,6 @@ def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, Floats]:
         "gravity_cosine": np.cos(position),
     }
     force = motion.force(interpolated=model.interpolated)
-    columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
+    known = (value * columns[name] for name, value in model.known.items() if name in columns)
+    columns["force"] = force - sum(known, 0.0)
     return {name: motion.lowpassed(column)[motion.moving] for name, column in columns.items()}
