@@ -180,7 +180,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     >>> motion = simulate_driveline(line, torque[:-1], sample_time=0.005)
     >>> speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
     >>> sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=angle)
-    >>> np.round(fit_driveline(sweep).values, 3)  # b [N m s/rad], c and s [N m], v_s [rad/s]
+    >>> np.round(fit_driveline(sweep).values, 3)  # b [N m s/rad], c and s [N m], v_s [rad/s], delta
     array([0.012, 0.05 , 0.03 , 0.7  , 1.   ])
     """
     # the law of a robot file; a free wheel has no weight, and its ripple averages out over a sweep
