@@ -77,17 +77,20 @@ def check_log(
         raise InputError("--out takes one log; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()
     with open_result(out, writes=writes) as result:
-        for path in files:
-            if robot and described and proposes:
-                _show(path, described, stated, source=robot, result=result)
-            else:
-                _check(path, described, mapping, result, source=robot)
+        errors = [
+            _show(path, described, stated, source=robot, result=result)
+            if robot and described and proposes
+            else _check(path, described, mapping, result, source=robot)
+            for path in files
+        ]
+        if any(errors):
+            raise InputError("\n".join(filter(None, errors)))
 
 
 def _check(
     file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult, *, source: str | None
-) -> None:
-    """Show a log and its problems; raise InputError if one is an error."""
+) -> str:
+    """Show a log and its problems; return the first error, or nothing."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping, robot=robot), robot)
     page = log_check_report(checked, robot)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
@@ -96,9 +99,8 @@ def _check(
     step = "" if errors else _next_step(command if source else "check-log", source, file, tail)
     printed = [page.lead, *map(finding_line, checked.findings), *page.parts()]
     result.write(page, printed=printed, next_step=step)
-    if errors:
-        more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
-        raise InputError(f"{file}: {errors[0].text}{more}")
+    more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
+    return f"{file}: {errors[0].text}{more}" if errors else ""
 
 
 #: the command for a use
@@ -114,11 +116,10 @@ def _next_step(command: str, robot: str | None, log: Path, tail: Sequence[str]) 
     return f"`{shell_line(['ballbot', *words, *tail, *folder])}`"
 
 
-def _show(file: Path, robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
+def _show(file: Path, robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> str:
     """Show the mapping proposed for a foreign file; with a folder, write it, the log that it makes and results.json.
 
-    Raise InputError if something cannot be determined, or if the log contradicts the robot, after everything that was
-    determined is shown and written.
+    Return what cannot be determined or contradicts the robot, or nothing.
     """
     with progress_bar(result.console, f"comparing {file.name} with the robot"):
         found = evaluate(propose(file, robot, stated))
@@ -137,5 +138,4 @@ def _show(file: Path, robot: Robot, stated: Stated, *, source: str, result: Comm
         step = _next_step(command, source if commands else None, file, tail)
     page = proposal_report(found, kept=result.folder is not None)
     result.write(page, files=files, printed=printed, named=[*files], next_step=step)
-    if found.refusal:
-        raise InputError(f"{file}: {found.refusal}")
+    return f"{file}: {found.refusal}" if found.refusal else ""
