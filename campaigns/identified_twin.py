@@ -55,7 +55,7 @@ def identified_friction() -> Section:
         before="The nominal twin's friction from a sweep with the wheels free, from a minute upside down and from two "
         "logs of balancing, beside the friction that its drivelines are given. Means over the wheels; the last columns "
         "are the friction torque [N m] at that wheel speed [rad/s]. A delta of 1.000 is held, and 0.300 is "
-        "the least allowed: these logs do not tell it.",
+        "the least allowed: these logs do not determine it.",
         columns=["stage", "b", "c", "s", "v_s", "delta", *(f"at {speed:g}" for speed in SPEEDS)],
         rows=rows,
         after="The sweep shows the friction of motor and gear. When the robot balances, the wheels also carry its "

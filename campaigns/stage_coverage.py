@@ -135,7 +135,7 @@ def drivelines() -> Section:
         title="Coverage of the driveline stage's intervals",
         before=f"Sweeps of the nominal twin's free wheels (a sine of 1 N m and {SWEEP:g} s; noise of the torque, "
         f"play and encoder counts on; delta is 1.1), {len(SWEEP_SEEDS)} seeds with three wheels each. delta is held at "
-        f"1, with a standard deviation, on {held} wheels, whose held-out blocks do not tell it; "
+        f"1, with a standard deviation, on {held} wheels, whose held-out blocks do not determine it; "
         "what that may change is in the errors of the others. The bias is the mean of the "
         "estimate less the truth over its standard error, with the standard error of that mean; next to it the "
         "standard deviation of the same ratio, 1 if the standard errors are right. Then how many 95 % intervals "
@@ -163,10 +163,10 @@ def upside_down() -> Section:
         f"{UPSIDE_DOWN:g} s each of the ball on the wheels, with torque noise, encoder counts and the camera's noise. "
         "Intervals are those clustered by window. The truth is the drivelines' friction; the contacts' own loss, a few "
         "per cent of b, is estimated beside it. delta is drawn from 0.8 to 2, and held at 1, with a standard "
-        f"deviation, on {held} robots, whose held-out windows do not tell it: a larger delta then makes s too large "
-        "and v_s too small. The bias is the mean of estimate over truth less one, with its standard error; then how "
-        "many 95 % intervals contain the truth, with the 95 % interval of that share (Clopper and Pearson), and the "
-        "median of half their width over the truth, of intervals that end on both sides.",
+        f"deviation, on {held} robots, whose held-out windows do not determine it: a larger delta then makes s too "
+        "large and v_s too small. The bias is the mean of estimate over truth less one, with its standard error; then "
+        "how many 95 % intervals contain the truth, with the 95 % interval of that share (Clopper and Pearson), and "
+        "the median of half their width over the truth, of intervals that end on both sides.",
         columns=["", "bias", "truth within", "share", "half width"],
         rows=rows,
         after=f"Called usable: {sum(usable for _, usable in balls)} of {len(ROBOT_SEEDS)}.",

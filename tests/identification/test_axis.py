@@ -49,7 +49,7 @@ def test_emps_is_predicted_from_the_other_half(shared_data):
     errors = []
     for one, other in (parts, parts[::-1]):
         found = identify_axis(one, validation_records=[other])
-        assert found.law == "coulomb"  # an asymmetric law fits the published test record worse: 6.76 mm
+        assert found.law == "coulomb"
         errors.append(found.best.errors[other.name].open_loop_rmse)
         # published, of the whole record by the inverse model
         for name, value in {"mass": 95.11, "viscous": 203.5, "coulomb": 20.39}.items():

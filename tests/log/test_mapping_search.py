@@ -194,6 +194,24 @@ def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
     assert "a row every 10 ms" in found.refusal
 
 
+def test_noise_from_row_to_row_is_not_taken_for_chatter(tmp_path):
+    columns, random = foreign_columns(), np.random.default_rng(1)
+    for name in ("u1", "u2", "u3"):
+        # half as large as the duties; as large, a polled log's rows, which it joins to pairs, look too few
+        columns[name] = columns[name] + 0.5 * columns[name].std() * random.standard_normal(len(columns[name]))
+    file = write_foreign(tmp_path / "run.txt", columns)
+    assert evaluate(propose(file, small_robot(), Stated(command="duty"))).refusal == ""
+
+
+@pytest.mark.parametrize(("full_scale", "asked"), [(None, True), (1000.0, False)])
+def test_a_full_scale_near_another_is_asked_for_unless_it_is_stated(tmp_path, monkeypatch, full_scale, asked):
+    monkeypatch.setattr(proposal_module, "LARGEST_BAND", 0.0)
+    found = found_for(
+        tmp_path, replace(COURSE, command_scale=1000.0), Stated(command="duty", full_scale=full_scale)
+    )
+    assert ("[input] scale" in [one.key for one in found.questions]) == asked
+
+
 def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):
     monkeypatch.setattr(proposal_module, "LARGEST_BAND", 0.0)
     found = found_for(tmp_path)

@@ -237,7 +237,7 @@ def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -
     moved = robot_of(estimate.values)
     sources = {**moved.sources, **dict.fromkeys(names, source)}
     if estimate.values[-1] == 1.0:
-        sources[names[-1]] = f"assumed: {estimate.source} does not tell it"
+        sources[names[-1]] = f"assumed: {estimate.source} does not determine it"
     return with_uncertainty(
         moved.annotated(sources=sources), robot_of, estimate.values, estimate.covariance, names=names
     )

@@ -472,7 +472,7 @@ def mapped(proposal: Proposal) -> tuple[Log, InputTable | None]:
 
 
 def _unstated(proposal: Proposal, log: Log, drive: DutyTable) -> tuple[list[Question], list[Finding]]:
-    """Return what is asked of the duty because it would change the torques of a log, and what is reported."""
+    """Return questions on the duty whose answers would change a log's torques, and warnings of small changes."""
     band, by_band = likely_dead_band(log, proposal.robot, drive)
     scale, by_scale = nearest_scale(proposal.base, log, drive)
     answers = f"{band:.2g}", "0, if the firmware adds none"
@@ -486,7 +486,9 @@ def _unstated(proposal: Proposal, log: Log, drive: DutyTable) -> tuple[list[Ques
     elif by_band > NOTABLE_BAND:
         reported.append(warning("dead-band", f"No dead band is stated: {evidence}."))
     if by_scale > LARGEST_BAND:
-        evidence = f"by {scale} the torques are {100.0 * by_scale:.0f} % of their size apart"
+        evidence = (
+            f"a full scale of {scale} would change the torques by {100.0 * by_scale:.0f} % of their size"
+        )
         answers = f"{1.0 / drive.scale:.0f}", scale
         asked.append(Question("[input] scale", "full scale of the duty", answers, evidence))
     return asked, reported
@@ -496,12 +498,12 @@ def _too_coarse(log: Log) -> str:
     """Return why the rows of a log are too far apart for its torques; empty if they are not.
 
     The period is that of a sine with the torques' covariances over one and two rows: noise that differs from row to
-    row has none.
+    row, of evenly sampled rows, has none.
     """
     u = log.torques - log.torques.mean(axis=0) if "u1" in log else np.zeros((3, 1))
     once, twice = (float(np.vdot(u[k:], u[:-k])) for k in (1, 2))
     ratio = twice / once if once > 0.0 else 1.0
-    cosine = 0.25 * (ratio + math.sqrt(ratio * ratio + 8.0))  # of a row's part of the period
+    cosine = 0.25 * (ratio + math.sqrt(ratio * ratio + 8.0))  # of the phase from one row to the next
     if cosine >= math.cos(2.0 * math.pi / LEAST_ROWS):
         return ""
     rows = 2.0 * math.pi / math.acos(cosine)
