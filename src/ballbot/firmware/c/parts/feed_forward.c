@@ -12,8 +12,10 @@
  *
  *     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
  *
- * with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
- * additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
+ * with B^+ the pseudoinverse. At rest p = s. A ball that rolls needs the lean kappa besides, whose gravity carries its
+ * rolling friction (ballbot.mechanics.model.contact_momentum); the compensation has the torque for that. All quantities
+ * are in the heading frame; the feedback covers the small additional torques of a robot that moves and turns at once, and
+ * a body's small coupling of yaw with lean.
  *
  * A planned reference (ballbot.workflows.plan) has leans and rates itself. Then s and its derivatives follow from them,
  *
@@ -27,6 +29,7 @@
 
 /* for which a row of a plan is followed without the next one [s] */
 #define LAPSE 0.05f
+#define SLOW 0.05f
 
 /* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10])
@@ -121,10 +124,14 @@ struct ballbot_robot_state ballbot_lean_error(const struct ballbot_law *law, str
     const struct ballbot_pair lean_rate = ballbot_pair_times(own->lean, third);
     const struct ballbot_pair ahead = ballbot_pair_times(own->offset, second);
     const struct ballbot_pair ahead_rate = ballbot_pair_times(own->offset, third);
+    const struct ballbot_pair v = ballbot_turned(a, to->x.rate, to->y.rate);
+    const float v_x = v.x - ahead_rate.x;
+    const float v_y = v.y - ahead_rate.y;
+    const float rolling = own->rolling / ballbot_larger(ballbot_square_root(v_x * v_x + v_y * v_y), SLOW);
 
-    return (struct ballbot_robot_state){ e->x - ahead.x, e->y - ahead.y, e->theta + lean.x, e->phi + lean.y, e->psi,
-        e->x_dot - ahead_rate.x, e->y_dot - ahead_rate.y, e->theta_dot + lean_rate.x, e->phi_dot + lean_rate.y,
-        e->psi_dot };
+    return (struct ballbot_robot_state){ e->x - ahead.x, e->y - ahead.y, e->theta + lean.x - rolling * v_y,
+        e->phi + lean.y + rolling * v_x, e->psi, e->x_dot - ahead_rate.x, e->y_dot - ahead_rate.y,
+        e->theta_dot + lean_rate.x, e->phi_dot + lean_rate.y, e->psi_dot };
 }
 
 /* Add the torques for the second and fourth derivative of s, heading frame, and the second of psi. */
