@@ -47,7 +47,7 @@ static inline void moved(const struct ballbot_kalman_record *record, const float
     const float t13 = x[S_X] - t11;
     const float t14 = x[S_Y] - t12;
     const float t15 = ballbot_square_root(((t13 * t13) + (t14 * t14)));
-    const float t16 = record->rolling / ((t15 < 0.05f) ? 0.05f : t15);
+    const float t16 = record->rolling / ((t15 < 0.046875f) ? 0.046875f : t15);
     const float t17 = t13 * t16;
     const float t18 = t14 * t16;
     const float t19 = x[G_X] + t17;

@@ -29,7 +29,7 @@
 
 /* for which a row of a plan is followed without the next one [s] */
 #define LAPSE 0.05f
-#define SLOW 0.05f
+#define SLOW 0.046875f
 
 /* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10])
