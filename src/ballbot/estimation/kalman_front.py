@@ -20,7 +20,6 @@ from ballbot.estimation.kalman_model import (
     PIVOTING_SHARE,
     PIVOTING_VARIANCE,
     SHOWN,
-    SQUARES_SHARE,
     START_COVARIANCES,
     START_VARIANCES,
     STATE,
@@ -137,7 +136,7 @@ def see(row, filters, lane, memory, state):
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
     elif memory.missed == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
-        memory.pivoted += row[SQUARES_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
+        memory.pivoted += row[PIVOTING_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING
     for i in range(3):
         filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]

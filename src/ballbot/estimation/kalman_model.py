@@ -19,11 +19,10 @@
     the AHRS      g + a,  psi_a
     a fix         x, y, psi
 
-C, Lambda and kappa are those of `ballbot.mechanics.model.contact_momentum`; kappa's small part in F is left out. All
-but position and heading is in frames that turn with the robot. With velocity or lean in the world frame, each new
-linearisation point would create spurious information on the heading (tried: after three minutes the filter claimed 0.5
-degrees and was wrong by 3 to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at
-leans of 2 degrees.
+C, Lambda and kappa are those of `ballbot.mechanics.model.contact_momentum`. F leaves kappa out. All but position and
+heading is in frames that turn with the robot. With velocity or lean in the world frame, each new linearisation point
+would create spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was
+wrong by 3 to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2.
 
 The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
 for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
@@ -84,9 +83,7 @@ class FilterNoise:
     heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
     heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
     gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
-    heading_bias: float = math.radians(
-        0.2
-    )  #: about the body's axis, the AHRS's drift if that is known [rad/s]
+    heading_bias: float = gyro_bias  #: about the body's axis: the AHRS's drift, if that is less [rad/s]
     gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
     lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
     lean_error_time: float = 10.0  #: correlation time of that error [s]
@@ -96,8 +93,8 @@ class FilterNoise:
     #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
     #: sum of squares over the wheels
     counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pivoting_time: float = 0.5  #: over which what they show is averaged: its square adds to that density [s]
-    squares_time: float = 2.0  #: over which such squares are averaged [s]
+    #: over which what they show is averaged, and the squares of that mean, which add to that density [s]
+    pivoting_time: float = 1.0
     start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
@@ -115,9 +112,7 @@ class FilterNoise:
             pivoting=math.hypot(FilterNoise.pivoting, _CREEP / arm if arm else 0.0),
             counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),
             gyro=max(sensors.gyro_noise, 1e-5),
-            heading_bias=min(
-                abs(sensors.heading_drift) or FilterNoise.heading_bias, FilterNoise.heading_bias
-            ),
+            heading_bias=min(abs(sensors.heading_drift) or math.inf, FilterNoise.gyro_bias),
             attitude=max(sensors.attitude_noise, 1e-5),
             heading_drift=max(abs(sensors.heading_drift), 1e-5),
         )
@@ -185,11 +180,6 @@ def _momentum_rate(momentum, lean, turning, pull):
     )
 
 
-def _braked(model, v):
-    """Return the lean (2) whose gravity brakes as rolling friction does at a velocity v."""
-    return scale(v, model.rolling / greatest(root(v[0] * v[0] + v[1] * v[1]), SLOW))
-
-
 def _ahead(a, rate, h):
     return (a[0] + h * rate[0], a[1] + h * rate[1])
 
@@ -216,11 +206,12 @@ def motion(model, x, gyro):
     # second order: the rates at the sample's middle
     lean = _ahead(g, lean_rate(g, w), 0.5 * h)
     turning = heading_rate(lean, w)
-    braked = _braked(model, subtract(s, (dot(model.lever[0], w), dot(model.lever[1], w))))
+    v = subtract(s, (dot(model.lever[0], w), dot(model.lever[1], w)))
+    braked = scale(v, model.rolling / greatest(root(inner(v, v)), SLOW))
     momentum = _ahead(s, _momentum_rate(s, add(g, braked), turning, model.pull), 0.5 * h)
     by_g = scale(lean_rate(lean, w), h)
     by_s = scale(_momentum_rate(momentum, add(lean, braked), turning, model.pull), h)
-    v = tuple(s[i] + 0.5 * by_s[i] - dot(model.lever[i], w) for i in (0, 1))
+    v = add(v, scale(by_s, 0.5))
     by_a = scale(x[LEAN_ERROR : LEAN_ERROR + 2], -model.forgotten)
     return (0.0, 0.0, 0.0, 0.0) + by_a + by_g + by_s + (h * turning, h * (turning + x[DRIFT])), v
 
@@ -425,8 +416,7 @@ class KalmanRecord:
     #: of a with g, and of psi with psi_a
     start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
-    squares_share: float = field(metadata=number("1"))  #: of a new square of that mean in the mean of those
-    #: variance that Omega_z has besides, over the mean of those squares
+    #: variance that Omega_z has besides, over the mean of that mean's squares
     pivoting_variance: float = field(metadata=number("1"))
 
 
@@ -439,7 +429,6 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 # covariance, a sample's inputs, and results on the way
 _LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
 PIVOTING_SHARE, PIVOTING_VARIANCE = _PLACE["pivoting_share"], _PLACE["pivoting_variance"]
-SQUARES_SHARE = _PLACE["squares_share"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
 _GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS

@@ -9,10 +9,9 @@ is a flat output: state and torques follow from it and its derivatives.) A motio
 
     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
 
-with B^+ the pseudoinverse. At rest p = s. A ball that rolls needs the lean kappa besides, whose gravity carries its
-rolling friction (`ballbot.mechanics.model.contact_momentum`); the compensation has the torque for that. All quantities
-are in the heading frame; the feedback covers the small additional torques of a robot that moves and turns at once, and
-a body's small coupling of yaw with lean.
+with B^+ the pseudoinverse. At rest p = s. A rolling ball needs the lean kappa besides, which carries its friction
+(`ballbot.mechanics.model.contact_momentum`). All quantities are in the heading frame; the feedback covers the small
+additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
 
 A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then s and its derivatives follow from them,
 

@@ -145,7 +145,7 @@ def shape(law, memory, pose, ahead, wanted):
     own, state = law.shaping, memory.shaping
     h = 1.0 / own.rate
     acceleration = _left(law, memory, ahead.a) * own.acceleration
-    offset = 0.5 * (law.feed_forward.offset[0, 0] + law.feed_forward.offset[1, 1])
+    offset = law.feed_forward.offset[0, 0]  # along y hardly another
     place = _Limits(
         own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt, offset
     )

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "41ba990dc779db223ab90486afe8b24b396c9960e54bd428fa1fe7d049442a1d"
+#define BALLBOT_SCHEMA_DIGEST "a1bc2bea1c4460290dd0b8cdd7626300d26afc4d2ab20a7601d1577f8652b685"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1102747917, 1199168290, 985203846, 803779147, 963418464, 1699468328, 2048911312, 1229203997 }
+#define BALLBOT_SCHEMA_WORDS { 565980138, 474243113, 231782605, 1466065664, 1382743117, 716311158, 30496639, 106083973 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -231,10 +231,9 @@ struct ballbot_kalman_record {
     float start_variances[14]; /* [square of the state] */
     float start_covariances[3]; /* [1, rad^2] */
     float pivoting_share; /* [1] */
-    float squares_share; /* [1] */
     float pivoting_variance; /* [1] */
 };
-typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 67u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 66u * sizeof(float)) ? 1 : -1];
 
 /* The numbers of one controller. */
 struct ballbot_parameters {
@@ -249,7 +248,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1521u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1520u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

@@ -279,7 +279,7 @@ struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, stru
     struct ballbot_shaping_state *state = &memory->shaping;
     const float h = 1.0f / own->rate;
     const float acceleration = left(law, memory, ahead->a) * own->acceleration;
-    const float offset = 0.5f * (law->feed_forward.offset[0][0] + law->feed_forward.offset[1][1]);
+    const float offset = law->feed_forward.offset[0][0]; /* along y hardly another */
     const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
         acceleration, own->prompt, offset };
     const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
