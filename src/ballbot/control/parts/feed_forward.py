@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from ballbot.control.parts.part import (
     FollowedMotion,
     LawSettings,
+    Pair,
     Part,
     RobotState,
     SmoothReference,
@@ -112,7 +113,8 @@ def follows_plan(law, memory, reference):
 def planned(law, memory, a, reference, asked):
     """Return a planned reference, of which `asked` is the pose relative to the measured one; after `follows_plan`."""
     own, changes = law.feed_forward, memory.feed_forward.changes
-    second = _in_world(own.pull, a, reference[2], reference[3])
+    rolling = _rolling_lean(own, reference[5], reference[6])  # which a plan's leans have
+    second = _in_world(own.pull, a, reference[2] - rolling.x, reference[3] - rolling.y)
     third = _in_world(own.pull, a, reference[7], reference[8])
     fourth = _in_world(own.pull, a, changes[0], changes[1])
     ahead, ahead_rate = (
@@ -147,6 +149,13 @@ def _after(delay, s):
 
 
 @inlined
+def _rolling_lean(own, v_x, v_y):
+    """Return the lean theta, phi that carries the rolling friction at a velocity."""
+    share = own.rolling / max((v_x * v_x + v_y * v_y) ** 0.5, SLOW)
+    return Pair(-share * v_y, share * v_x)
+
+
+@inlined
 def lean_error(law, a, to, e):
     """Return the error with respect to the lean and the position that the motion needs; see the module's docstring."""
     own = law.feed_forward
@@ -156,13 +165,12 @@ def lean_error(law, a, to, e):
     lean, lean_rate = pair_times(own.lean, second), pair_times(own.lean, third)
     ahead, ahead_rate = pair_times(own.offset, second), pair_times(own.offset, third)
     v = turned(a, to.x.rate, to.y.rate)
-    v_x, v_y = v.x - ahead_rate.x, v.y - ahead_rate.y
-    rolling = own.rolling / max((v_x * v_x + v_y * v_y) ** 0.5, SLOW)
+    rolling = _rolling_lean(own, v.x - ahead_rate.x, v.y - ahead_rate.y)
     return RobotState(
         e.x - ahead.x,
         e.y - ahead.y,
-        e.theta + lean.x - rolling * v_y,
-        e.phi + lean.y + rolling * v_x,
+        e.theta + lean.x + rolling.x,
+        e.phi + lean.y + rolling.y,
         e.psi,
         e.x_dot - ahead_rate.x,
         e.y_dot - ahead_rate.y,
