@@ -127,6 +127,7 @@ class _Limits(NamedTuple):
     speed: float
     acceleration: float
     prompt: float
+    offset: float  # of the flat output from the position, over the acceleration [s^2]
 
 
 class _Motion(NamedTuple):
@@ -144,8 +145,9 @@ def shape(law, memory, pose, ahead, wanted):
     own, state = law.shaping, memory.shaping
     h = 1.0 / own.rate
     acceleration = _left(law, memory, ahead.a) * own.acceleration
+    offset = law.feed_forward.offset[0, 0]  # along y hardly another
     place = _Limits(
-        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt
+        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt, offset
     )
     heading = _Limits(
         own.yaw_frequency,
@@ -155,6 +157,7 @@ def shape(law, memory, pose, ahead, wanted):
         own.yaw_rate,
         own.yaw_acceleration,
         own.yaw_prompt,
+        0.0,
     )
     if state.started == 0:
         begun = Pose(pose.x + ahead.state.x, pose.y + ahead.state.y, pose.psi + ahead.state.psi)
@@ -273,7 +276,8 @@ def _ask(own, limits, motion, away):
     now = _plus(motion.change, _LAG, motion.bend)
     speed = _length(now)
     prompt = max(0.0, min(1.0, (_FAST - speed / limits.prompt) / (_FAST - 1.0)))
-    t, c = prompt * (4.0 / w + tau), prompt * (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau)
+    t = prompt * (4.0 / w + tau)
+    c = prompt * (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau + limits.offset)
     ahead = t - (1.0 - prompt) * (0.5 * speed / braking + _NOTICED)
     e = _plus(_plus(away, ahead, now), c, motion.bend)
     near = braking / own.approach

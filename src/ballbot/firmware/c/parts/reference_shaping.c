@@ -58,6 +58,7 @@ struct limits {
     float speed;
     float acceleration;
     float prompt;
+    float offset; /* of the flat output from the position, over the acceleration [s^2] */
 };
 
 /* The motion of the position or of the heading, whose second numbers are zero. */
@@ -191,7 +192,7 @@ static struct ballbot_pair ask(const struct ballbot_shaping_record *own, const s
     const float speed = length(now);
     const float prompt = ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - speed / limits->prompt) / (FAST - 1.0f)));
     const float t = prompt * (4.0f / w + tau);
-    const float c = prompt * (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau);
+    const float c = prompt * (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau + limits->offset);
     const float ahead = t - (1.0f - prompt) * (0.5f * speed / braking + NOTICED);
     const struct ballbot_pair e = plus(plus(away, ahead, now), c, motion->bend);
     const float near = braking / own->approach;
@@ -278,10 +279,11 @@ struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, stru
     struct ballbot_shaping_state *state = &memory->shaping;
     const float h = 1.0f / own->rate;
     const float acceleration = left(law, memory, ahead->a) * own->acceleration;
+    const float offset = law->feed_forward.offset[0][0]; /* along y hardly another */
     const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
-        acceleration, own->prompt };
+        acceleration, own->prompt, offset };
     const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
-        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt };
+        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt, 0.0f };
 
     if (state->started == 0) {
         const struct ballbot_pose begun = { pose.x + ahead->state.x, pose.y + ahead->state.y,
