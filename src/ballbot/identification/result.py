@@ -259,16 +259,6 @@ class LawSelection:
         }
 
 
-def represents_sentence(names: Sequence[str]) -> str:
-    """Return the sentence on quantities that include other effects than their own; empty if none is known to."""
-    by_effect: dict[str, list[str]] = {}
-    for name in names:
-        if also := BY_NAME[name].stands_for:
-            by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
-    parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]
-    return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
-
-
 #: neighbouring windows drawn together: 1 s of motion
 BLOCK = 4
 

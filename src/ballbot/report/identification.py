@@ -22,7 +22,7 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import FrictionAtHorizon
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import LawCandidate, LawSelection, represents_sentence
+from ballbot.identification.result import LawCandidate, LawSelection
 from ballbot.log import Log
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
@@ -72,8 +72,8 @@ def identification_report(
 def parameter_blocks(fit: Identification, logs: Iterable[Log]) -> Iterator[Block]:
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
     yield _parameter_sheet(fit)
-    sentences = (represents_sentence(fit.names), coulomb_sentence(fit.coulomb, fit.names))
-    yield Bullets([*filter(None, sentences)])
+    if sentence := coulomb_sentence(fit.coulomb, fit.names):
+        yield Bullets([sentence])
     caption = (
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."
@@ -103,6 +103,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
                 for of in (fit.intervals, fit.variation.predictions)
             ),
             f"{100.0 * fit.file_share[i]:.0f} %" if np.isfinite(fit.file_share[i]) else "",
+            _also(fit, name, label),
             *([] if other is None else [digits(float(other.values[i]))]),
             f"{lower} to {upper}" if upper != lower else f"held at {lower}",
         )
@@ -118,11 +119,19 @@ def _parameter_sheet(fit: Identification) -> Sheet:
     )
     headings = (
         *("parameter", "unit", "in the robot file", "found", "standard error", "95 %", "95 %, another log"),
-        "from the file",
+        *("from the file", "stands also for"),
         *(["other optimum"] if other else []),
         "allowed",
     )
     return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 1))
+
+
+def _also(fit: Identification, name: str, label: str) -> str:
+    """Return what else an effective parameter stands for; and of the rolling friction, what the floor's own may be."""
+    also = BY_NAME[name].stands_for or ""
+    if also and name == "rolling" and label in fit.variation.predictions:
+        return f"{also}: the floor's own is {interval(0.0, fit.variation.predictions[label].upper)}"
+    return also
 
 
 def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
