@@ -60,8 +60,8 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     normal = floor_normal(scenario)
     timing, loop = scenario.timing, scenario.current_loop
     soft = scenario.softness
-    contacts = RollerContacts.of_rubber(
-        scenario.rollers, grip=scenario.roller_grip, contact_time=scenario.contact_time
+    contacts = RollerContacts(
+        rollers=scenario.rollers, grip=scenario.roller_grip, contact_time=scenario.contact_time
     )
     if soft:
         contacts = replace(contacts, give=1.0 / soft.stiffness, relaxation=soft.damping / soft.stiffness)

@@ -160,7 +160,7 @@ def _of_robot(robot: Robot, sample_time: float, *, delay: int, seed: int) -> Imp
         sensors=replace(robot.sensors, sample_time=sample_time),
         delay=delay,
         backlash=robot.drive.backlash if robot.drive.reflected_inertia > 0.0 else 0.0,
-        contacts=RollerContacts.of_rubber(robot.wheels.rollers),
+        contacts=RollerContacts(rollers=robot.wheels.rollers),
         seed=seed,
     )
 
