@@ -34,6 +34,7 @@ from ballbot.identification.file_values import FileValue
 from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
+from ballbot.identification.rollers import RollersFound
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
@@ -66,6 +67,7 @@ class Identification(Reported):
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
+    rollers: RollersFound | None = None  #: which the friction does not contain; None: it does
     file_values: tuple[FileValue, ...] = ()  #: of the robot file, beside the logs' own estimates of them
     contradicted: tuple[str, ...] = ()  #: errors on them that are not accepted
     other: OtherOptimum | None = None
@@ -187,6 +189,7 @@ class Identification(Reported):
                 for name in self.layout.names
                 if (also := BY_NAME[name].stands_for) is not None
             },
+            "rollers": self.rollers,
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
             "held_out": self.held_out,
             "fit": self.fit,
