@@ -174,15 +174,17 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
-    def parameters(name: str) -> tuple[Robot, Coordinates]:
+    def parameters(robot: Robot, name: str) -> tuple[Robot, Coordinates]:
         own = robot_by_law(robot, name, free=free)
         return own, estimated_parameters(own, free=free, law=name, bounds=within)
 
-    shown = parameters("stribeck" if law == "best" else law)
-    on_points, rollers = _on_points(*shown, list(checked.logs.values()), window, options=options, run=run)
+    shown, own_logs = parameters(robot, "stribeck" if law == "best" else law), list(checked.logs.values())
+    on_points, rollers = _on_points(*shown, own_logs, window, options=options, run=run)
+    softness = rollers.contacts.softness if rollers else 0.0
+    marked = robot.replace({"friction.roller_softness": softness})
 
     def fitted(name: str, start: Identification | None) -> Identification:
-        own, coordinates = parameters(name)
+        own, coordinates = parameters(marked, name)
         settings = replace(options, warm_start=start)
         found = _identified(own, coordinates, checked, on_points, name, window, options=settings, run=run)
         return replace(found, rollers=rollers)
