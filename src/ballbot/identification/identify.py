@@ -42,7 +42,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
-from ballbot.identification.rollers import RollersFound, find_rollers, on_points
+from ballbot.identification.rollers import RollersFound, find_rollers, on_points, shows_wheels
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
@@ -260,6 +260,9 @@ def _on_points(
 ) -> tuple[list[Log], RollersFound | None]:
     """Return the logs as of wheels that touch in a point, and the rollers found in them, by the end of a search."""
     logs = [without_encoder_lag(log, robot) for log in logs]
+    if robot.wheels.rollers.rows > 2 or not all(shows_wheels(log, robot) for log in logs):
+        return logs, None
+    run = replace(run, progress=DEFAULT_RUN.progress)  # the fit reports its own search
     prepared = prepare(robot, coordinates, logs, window=window, options=options, run=run)
     part = prepared.experiment.part(prepared.drawn)
     begin = search(part, fixed_starts(coordinates), most_steps=options.most_steps, run=run).best

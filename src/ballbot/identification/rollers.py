@@ -74,6 +74,12 @@ def on_points(log: Log, robot: Robot, contacts: RollerContacts, phases: Floats) 
     return with_wheel_speeds(log, robot, relative[..., 0] @ A.T)
 
 
+def shows_wheels(log: Log, robot: Robot) -> bool:
+    """Return whether a log has the angle and the speed of every wheel."""
+    names = {*wheel_angle_names(robot.wheel_count), *wheel_speed_names(robot.wheel_count)}
+    return names <= set(log.names)
+
+
 def _turning(log: Log, robot: Robot) -> tuple[Floats, Floats]:
     names = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
     angles, speeds = (np.column_stack([log[name] for name in columns]) for columns in names)
@@ -209,12 +215,8 @@ def _pitch(contacts: RollerContacts) -> float:
 def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> RollersFound | None:
     """Return where the rollers are, from predictions at a scaled point (p,); None if the logs do not show it."""
     robot = experiment.predictor.robot
-    names = {*wheel_angle_names(robot.wheel_count), *wheel_speed_names(robot.wheel_count)}
-    rollers = robot.wheels.rollers
-    if rollers.rows > 2 or not all(names <= set(log.names) for log in logs):
-        return None
     of_logs = [_LogWindows.of(experiment, point, log, number) for number, log in enumerate(logs)]
-    contacts = RollerContacts(rollers=rollers)
+    contacts = RollerContacts(rollers=robot.wheels.rollers)
     pitch = _pitch(contacts)
     grid = np.arange(_TRIED) / _TRIED * pitch
     phases = [windows.best(contacts, np.tile(grid, (robot.wheel_count, 1))) for windows in of_logs]
