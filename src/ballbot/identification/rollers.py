@@ -25,11 +25,12 @@ import numpy as np
 
 from ballbot.arrays import Floats, Ints
 from ballbot.identification.balancing import Balancing
-from ballbot.identification.prediction import windows_for
+from ballbot.identification.prediction import Predictor, windows_for
+from ballbot.identification.quantities import scale_between
 from ballbot.identification.windows import Windows
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
-from ballbot.log.pose import with_wheel_speeds
+from ballbot.log.pose import with_wheel_speeds, without_encoder_lag
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import LOOP, Imperfections, RollerContacts, loop_record
@@ -41,6 +42,8 @@ _WITHIN = (0.25, 0.75)
 _TRIED, _REFINED = 10, 3
 #: softness of the contacts that is tried, over the twin's
 _SOFTNESS = np.geomspace(0.35, 2.83, 13)
+#: length of the windows where nobody chose one [s]
+_WINDOW = 0.25
 #: scaled step of the derivatives by parameters
 _STEP = 1e-3
 #: standard errors by which rollers must reduce the squares of windows: the best of a thousand phases by chance has 3.3
@@ -238,3 +241,19 @@ def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> R
             return None
     phases = [windows.with_rings(contacts, phase) for windows, phase in zip(of_logs, phases, strict=True)]
     return RollersFound(contacts=contacts, phases=np.array(phases))
+
+
+def as_its_friction(log: Log, robot: Robot) -> Log:
+    """Return the log as what the robot's friction predicts: of wheels that touch in a point if it is without rollers.
+
+    It has no lag of its encoders then (`without_encoder_lag`). It stays where it does not show the rollers.
+    """
+    if not (robot.friction.roller_softness and shows_wheels(log, robot)):
+        return log
+    log = without_encoder_lag(log, robot)
+    coordinates = scale_between(robot)
+    predictor = Predictor(robot=robot, step=log.sample_time, layout=coordinates.layout, threads=1)
+    windows = windows_for(predictor, coordinates.upper, [log], duration=_WINDOW)
+    experiment = Balancing(predictor=predictor, windows=windows, coordinates=coordinates)
+    found = find_rollers(experiment, coordinates.scaled(coordinates.nominal), [log]) if len(windows) else None
+    return on_points(log, robot, found.contacts, found.phases[0]) if found else log
