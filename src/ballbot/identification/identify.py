@@ -182,6 +182,9 @@ def identify(
     on_points, rollers = _on_points(*shown, own_logs, window, options=options, run=run)
     softness = rollers.contacts.softness if rollers else 0.0
     marked = robot.replace({"friction.roller_softness": softness})
+    if rollers:
+        source = {"friction.roller_softness": "identified: from the rollers' passing"}
+        marked = marked.annotated(sources={**marked.sources, **source})
 
     def fitted(name: str, start: Identification | None) -> Identification:
         own, coordinates = parameters(marked, name)
