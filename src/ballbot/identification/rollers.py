@@ -47,7 +47,7 @@ _WINDOW = 0.25
 #: scaled step of the derivatives by parameters
 _STEP = 1e-3
 #: standard errors by which rollers must reduce the squares of windows: the best of a thousand phases by chance has 3.3
-_CLEARLY = 5.0
+_CLEARLY = 3.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,8 +215,14 @@ def _pitch(contacts: RollerContacts) -> float:
     return 2.0 * np.pi / (contacts.rollers.rows * contacts.rollers.per_row)
 
 
-def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> RollersFound | None:
-    """Return where the rollers are, from predictions at a scaled point (p,); None if the logs do not show it."""
+def find_rollers(
+    experiment: Balancing, point: Floats, logs: Sequence[Log], *, clearly: float = _CLEARLY
+) -> RollersFound | None:
+    """Return where the rollers are, from predictions at a scaled point (p,).
+
+    None if they do not reduce the squares of windows by so many standard errors in every log, or are as soft or as
+    hard as was tried.
+    """
     robot = experiment.predictor.robot
     of_logs = [_LogWindows.of(experiment, point, log, number) for number, log in enumerate(logs)]
     contacts = RollerContacts(rollers=robot.wheels.rollers)
@@ -228,7 +234,10 @@ def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> R
         sum(windows.squares(one, phase).sum() for windows, phase in zip(of_logs, phases, strict=True))
         for one in softest
     ]
-    contacts = softest[int(np.argmin(squares))]
+    best = int(np.argmin(squares))
+    if best in (0, len(softest) - 1):
+        return None  # whatever passes there, it is not these rollers
+    contacts = softest[best]
     for level in range(1, 1 + _REFINED):
         beside = np.array([-1.0, 0.0, 1.0]) * pitch / (_TRIED * 3.0**level)
         phases = [
@@ -237,7 +246,7 @@ def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> R
         ]
     for windows, phase in zip(of_logs, phases, strict=True):
         less = -windows.squares(contacts, phase)
-        if less.mean() < _CLEARLY * less.std() / np.sqrt(len(less)):
+        if not less.mean() > clearly * less.std() / np.sqrt(len(less)):
             return None
     phases = [windows.with_rings(contacts, phase) for windows, phase in zip(of_logs, phases, strict=True)]
     return RollersFound(contacts=contacts, phases=np.array(phases))
@@ -246,7 +255,7 @@ def find_rollers(experiment: Balancing, point: Floats, logs: Sequence[Log]) -> R
 def as_its_friction(log: Log, robot: Robot) -> Log:
     """Return the log as what the robot's friction predicts: of wheels that touch in a point if it is without rollers.
 
-    It has no lag of its encoders then (`without_encoder_lag`). It stays where it does not show the rollers.
+    It has no lag of its encoders then (`without_encoder_lag`). It stays where rollers make no prediction better.
     """
     if not (robot.friction.roller_softness and shows_wheels(log, robot)):
         return log
@@ -255,5 +264,7 @@ def as_its_friction(log: Log, robot: Robot) -> Log:
     predictor = Predictor(robot=robot, step=log.sample_time, layout=coordinates.layout, threads=1)
     windows = windows_for(predictor, coordinates.upper, [log], duration=_WINDOW)
     experiment = Balancing(predictor=predictor, windows=windows, coordinates=coordinates)
-    found = find_rollers(experiment, coordinates.scaled(coordinates.nominal), [log]) if len(windows) else None
+    if not len(windows):
+        return log
+    found = find_rollers(experiment, coordinates.scaled(coordinates.nominal), [log], clearly=0.0)
     return on_points(log, robot, found.contacts, found.phases[0]) if found else log
