@@ -178,8 +178,8 @@ def identify(
         own = robot_by_law(robot, name, free=free)
         return own, estimated_parameters(own, free=free, law=name, bounds=within)
 
-    shown, own_logs = parameters(robot, "stribeck" if law == "best" else law), list(checked.logs.values())
-    on_points, rollers = _on_points(*shown, own_logs, window, options=options, run=run)
+    own, coordinates = parameters(robot, "stribeck" if law == "best" else law)
+    prepared, rollers = _on_points(own, coordinates, checked, window, options=options, run=run)
     softness = rollers.contacts.softness if rollers else 0.0
     marked = robot.replace({"friction.roller_softness": softness})
     if rollers:
@@ -189,7 +189,7 @@ def identify(
     def fitted(name: str, start: Identification | None) -> Identification:
         own, coordinates = parameters(marked, name)
         settings = replace(options, warm_start=start)
-        found = _identified(own, coordinates, checked, on_points, name, window, options=settings, run=run)
+        found = _identified(own, coordinates, checked, prepared, name, window, options=settings, run=run)
         return replace(found, rollers=rollers)
 
     if law != "best":
@@ -255,14 +255,14 @@ def _identified(
 def _on_points(
     robot: Robot,
     coordinates: Coordinates,
-    logs: Sequence[Log],
+    checked: CheckedLogs,
     window: float,
     *,
     options: IdentificationOptions,
     run: Run,
 ) -> tuple[list[Log], RollersFound | None]:
     """Return the logs as of wheels that touch in a point, and the rollers found in them, by the end of a search."""
-    logs = [without_encoder_lag(log, robot) for log in logs]
+    logs = [without_encoder_lag(log, robot) for log in checked.logs.values()]
     if robot.wheels.rollers.rows > 2 or not all(shows_wheels(log, robot) for log in logs):
         return logs, None
     run = replace(run, progress=DEFAULT_RUN.progress)  # the fit reports its own search
@@ -312,6 +312,7 @@ def prepare(
 ) -> Prepared:
     """Cut logs into windows of this length [s], hold some out and check that the others excite the parameters.
 
+    The logs have no lag of their encoders (`without_encoder_lag`).
     The seed of `run` draws the windows that the search uses. InputError if the logs do not excite the parameters.
     """
     layout, back_emf = coordinates.layout, options.back_emf
