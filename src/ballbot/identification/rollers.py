@@ -44,6 +44,9 @@ _TRIED, _REFINED = 10, 3
 _SOFTNESS = np.geomspace(0.35, 2.83, 13)
 #: length of the windows where nobody chose one [s]
 _WINDOW = 0.25
+#: pitches that each wheel must turn through: in few, other forces that depend on the place look like rollers. With a log
+#: of standing (14 pitches) beside a square, C_rr of the stand-in robot ended at zero
+_TURNED = 20.0
 #: scaled step of the derivatives by parameters
 _STEP = 1e-3
 #: standard errors by which rollers must reduce the squares of windows: the best of a thousand phases by chance has 3.3
@@ -220,13 +223,19 @@ def find_rollers(
 ) -> RollersFound | None:
     """Return where the rollers are, from predictions at a scaled point (p,).
 
-    None if they do not reduce the squares of windows by so many standard errors in every log, or are as soft or as
-    hard as was tried.
+    None if they do not reduce the squares of windows by so many standard errors in every log, are as soft or as hard
+    as was tried, or hardly pass.
     """
     robot = experiment.predictor.robot
     of_logs = [_LogWindows.of(experiment, point, log, number) for number, log in enumerate(logs)]
     contacts = RollerContacts(rollers=robot.wheels.rollers)
     pitch = _pitch(contacts)
+    turned = [
+        np.ptp(angles[np.isfinite(angles).all(axis=1)], axis=0)
+        for angles, _ in (_turning(log, robot) for log in logs)
+    ]
+    if np.min(turned) < _TURNED * pitch:
+        return None
     grid = np.arange(_TRIED) / _TRIED * pitch
     phases = [windows.best(contacts, np.tile(grid, (robot.wheel_count, 1))) for windows in of_logs]
     softest = [replace(contacts, softness=softness) for softness in _SOFTNESS.tolist()]
