@@ -44,8 +44,8 @@ _TRIED, _REFINED = 10, 3
 _SOFTNESS = np.geomspace(0.35, 2.83, 13)
 #: length of the windows where nobody chose one [s]
 _WINDOW = 0.25
-#: pitches that each wheel must turn through: in few, other forces that depend on the place look like rollers. With a log
-#: of standing (14 pitches) beside a square, C_rr of the stand-in robot ended at zero
+#: pitches that each wheel must turn through: in few, other forces that depend on the place look like rollers. With a
+#: log of standing (14 pitches) beside a square, C_rr of the stand-in robot ended at zero
 _TURNED = 20.0
 #: scaled step of the derivatives by parameters
 _STEP = 1e-3
