@@ -22,6 +22,7 @@ from ballbot.identification.excitation import chatter_findings
 from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
 from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
+from ballbot.identification.rollers import as_its_friction
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
@@ -158,8 +159,8 @@ def cross_validate(found: Identification, log: LogLike, *, name: str) -> Holdout
     >>> cross_validate(found, other, name="other").errors.with_over_without["theta"] < 0.01
     True
     """
-    predictor, log = found.predictor, as_log(log)
-    log = without_encoder_lag(log, predictor.robot)
+    predictor, logged = found.predictor, as_log(log)
+    log = as_its_friction(without_encoder_lag(logged, predictor.robot), found.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
     if not len(windows):
@@ -173,7 +174,7 @@ def cross_validate(found: Identification, log: LogLike, *, name: str) -> Holdout
         findings=(
             *prediction_findings(errors.with_over_without, of=name),
             *_share_findings(name, horizons),
-            *chatter_findings(log, predictor.robot, name),
+            *chatter_findings(logged, predictor.robot, name),
         ),
     )
 

@@ -1,0 +1,93 @@
+"""Rollers in logs that the compiled loop made: they are found where they are, and not where there are none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import square
+from ballbot.identification.prediction import Predictor, windows_for
+from ballbot.identification.quantities import scale_between
+from ballbot.identification.rollers import as_its_friction, find_rollers
+from ballbot.log import Log
+from ballbot.log.columns import wheel_angle_names
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections, RollerContacts
+from tests.support.validation_examples import gain, true_robot
+
+
+def _robot() -> Robot:
+    """Return a robot without play, whose friction is without the rollers' losses."""
+    robot = true_robot().replace({"drive.backlash": 0.0})
+    return robot.replace({"friction.roller_softness": 1.0})
+
+
+def _log(contacts: RollerContacts | None) -> Log:
+    robot = _robot()
+    made = simulate_batch(
+        Model(robot),
+        Controller(robot, gain()),
+        square(period=8.0),
+        duration=16.0,
+        imperfections=Imperfections(contacts=contacts, seed=3),
+    )
+    return made.log(0).without_truth()
+
+
+@pytest.fixture(scope="module")
+def rolling() -> Log:
+    return _log(RollerContacts(rollers=_robot().wheels.rollers))
+
+
+def _error(log: Log) -> float:
+    """Return the root mean square error of theta's rate over windows of 0.25 s [rad/s]."""
+    robot = _robot()
+    coordinates = scale_between(robot)
+    predictor = Predictor(robot=robot, step=log.sample_time, layout=coordinates.layout)
+    windows = windows_for(predictor, coordinates.upper, [log], duration=0.25)
+    residuals = predictor.residuals(coordinates.nominal[None], windows, every=5)
+    return float(np.sqrt((residuals[0, ..., 7] ** 2).mean()))
+
+
+def test_a_log_without_rollers_effects_is_predicted_better_by_friction_without_them(rolling):
+    # what is left: within a window the rollers are where the log has them, not where the prediction has them
+    assert _error(as_its_friction(rolling, _robot())) < 0.6 * _error(rolling)
+
+
+def test_phases_follow_the_zero_of_the_encoders(rolling, monkeypatch):
+    found = []
+
+    def kept(*given, clearly):
+        found.append(find_rollers(*given, clearly=clearly))
+        return found[-1]
+
+    monkeypatch.setattr("ballbot.identification.rollers.find_rollers", kept)
+    names = wheel_angle_names(_robot().wheel_count)
+    shift = dict(zip(names, (0.1, -0.05, 0.2), strict=True))
+    shifted = rolling.with_columns({name: rolling[name] + shift[name] for name in names})
+    for log in (rolling, shifted):
+        as_its_friction(log, _robot())
+    first, second = found
+    rollers = first.contacts.rollers
+    pitch = 2.0 * np.pi / (rollers.rows * rollers.per_row)
+    moved = first.phases[0] - second.phases[0] - np.array([*shift.values()])
+    # a twentieth of a pitch; the velocity is the true one, which does not tell the rings
+    assert np.abs(moved - pitch * np.round(moved / pitch)).max() < 0.05 * pitch
+    # the model made the log: its contacts are as soft as the twin's, within a step of those tried
+    assert 0.8 < first.contacts.softness < 1.25
+
+
+def test_rollers_are_not_found_where_there_are_none():
+    log = _log(None)
+    assert as_its_friction(log, _robot()) is log or np.array_equal(
+        as_its_friction(log, _robot()).torques, log.torques
+    )
+
+
+def test_friction_with_the_rollers_losses_leaves_a_log_as_it_is(rolling):
+    robot = _robot()
+    with_losses = robot.replace(friction=replace(robot.friction, roller_softness=0.0))
+    assert as_its_friction(rolling, with_losses) is rolling
