@@ -159,8 +159,8 @@ def cross_validate(found: Identification, log: LogLike, *, name: str) -> Holdout
     >>> cross_validate(found, other, name="other").errors.with_over_without["theta"] < 0.01
     True
     """
-    predictor, logged = found.predictor, as_log(log)
-    log = as_its_friction(without_encoder_lag(logged, predictor.robot), found.robot)
+    predictor, log = found.predictor, as_log(log)
+    log = as_its_friction(without_encoder_lag(log, predictor.robot), found.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
     if not len(windows):
@@ -174,7 +174,7 @@ def cross_validate(found: Identification, log: LogLike, *, name: str) -> Holdout
         findings=(
             *prediction_findings(errors.with_over_without, of=name),
             *_share_findings(name, horizons),
-            *chatter_findings(logged, predictor.robot, name),
+            *chatter_findings(log, predictor.robot, name),
         ),
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, warning
-from ballbot.fitting.fit import Fit, FitOptions, fit, search
+from ballbot.fitting.fit import Fit, FitOptions, fit
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.balancing import Balancing, WindowsIterate
@@ -42,7 +42,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
-from ballbot.identification.rollers import RollersFound, find_rollers, on_points, shows_wheels
+from ballbot.identification.rollers import on_points
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
@@ -174,21 +174,15 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
-    def parameters(robot: Robot, name: str) -> tuple[Robot, Coordinates]:
-        own = robot_by_law(robot, name, free=free)
-        return own, estimated_parameters(own, free=free, law=name, bounds=within)
-
-    own, coordinates = parameters(robot, "stribeck" if law == "best" else law)
-    prepared, rollers = _on_points(own, coordinates, checked, window, options=options, run=run)
+    prepared, rollers = on_points([*checked.logs.values()], robot)
     softness = rollers.contacts.softness if rollers else 0.0
-    marked = robot.replace({"friction.roller_softness": softness})
-    if rollers:
-        source = {"friction.roller_softness": "identified: from the rollers' passing"}
-        marked = marked.annotated(sources={**marked.sources, **source})
+    source = {"friction.roller_softness": "identified: from the rollers' passing"} if rollers else {}
+    robot = robot.replace({"friction.roller_softness": softness})
+    robot = robot.annotated(sources={**robot.sources, **source})
 
     def fitted(name: str, start: Identification | None) -> Identification:
-        own, coordinates = parameters(marked, name)
-        settings = replace(options, warm_start=start)
+        own, settings = robot_by_law(robot, name, free=free), replace(options, warm_start=start)
+        coordinates = estimated_parameters(own, free=free, law=name, bounds=within)
         found = _identified(own, coordinates, checked, prepared, name, window, options=settings, run=run)
         return replace(found, rollers=rollers)
 
@@ -230,7 +224,7 @@ def _identified(
     options: IdentificationOptions,
     run: Run,
 ) -> Identification:
-    """Identify by one law, from logs as `prepare` takes them."""
+    """Identify by one law, from the checked logs as of wheels that touch in a point."""
 
     def report(progress: Progress) -> None:
         error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
@@ -250,30 +244,6 @@ def _identified(
     )
     prepared, estimate = _alike(prepared, estimate, options=options)
     return _result(prepared, estimate, checked, law, window, options=options)
-
-
-def _on_points(
-    robot: Robot,
-    coordinates: Coordinates,
-    checked: CheckedLogs,
-    window: float,
-    *,
-    options: IdentificationOptions,
-    run: Run,
-) -> tuple[list[Log], RollersFound | None]:
-    """Return the logs as of wheels that touch in a point, and the rollers found in them, by the end of a search."""
-    logs = [without_encoder_lag(log, robot) for log in checked.logs.values()]
-    if robot.wheels.rollers.rows > 2 or not all(shows_wheels(log, robot) for log in logs):
-        return logs, None
-    run = replace(run, progress=DEFAULT_RUN.progress)  # the fit reports its own search
-    prepared = prepare(robot, coordinates, logs, window=window, options=options, run=run)
-    part = prepared.experiment.part(prepared.drawn)
-    begin = search(part, fixed_starts(coordinates), most_steps=options.most_steps, run=run).best
-    found = find_rollers(prepared.experiment, begin, logs)
-    if found is None:
-        return logs, None
-    places = zip(logs, found.phases, strict=True)
-    return [on_points(log, robot, found.contacts, phases) for log, phases in places], found
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
@@ -312,12 +282,11 @@ def prepare(
 ) -> Prepared:
     """Cut logs into windows of this length [s], hold some out and check that the others excite the parameters.
 
-    The logs have no lag of their encoders (`without_encoder_lag`).
     The seed of `run` draws the windows that the search uses. InputError if the logs do not excite the parameters.
     """
     layout, back_emf = coordinates.layout, options.back_emf
     predictor = Predictor(robot=robot, step=options.step, layout=layout, back_emf=back_emf)
-    logs = [standstill_torques(log, robot, back_emf) for log in logs]
+    logs = [standstill_torques(without_encoder_lag(log, robot), robot, back_emf) for log in logs]
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
     fit_rows, held_rows = split_in_time(windows.spans, held)

@@ -1,55 +1,41 @@
 """Rollers in a log: where they are on each wheel, and the log as of wheels that touch the ball in a point.
 
-What rollers do (`ballbot.simulation.imperfections`) is a torque on the wheels, and another row of A, by the wheels'
-angles and speeds. The log has both, but for the angle from a roller to where the encoder counts zero: a wheel's phase.
-So `on_points` adds the torque to the logged ones and gives the ball's velocity by the rows that touched. On such a log
-everything is as with wheels that touch in a point: a prediction by the true friction is as near as one in which the
-rollers follow the predicted angles (RMSE of the lean's rate on the nominal twin without play: 3.5 mrad/s by both,
-15.4 without rollers).
+What rollers do (`ballbot.simulation.rollers`) is mostly a torque on the wheels, by the wheels' angles and speeds. The
+log has both, but for the angle from a roller to where the encoder counts zero: a wheel's phase. With the torque added
+to those logged, everything is as with wheels that touch in a point.
 
-Phases within a pitch, and how soft the contacts are. To first order the residuals of a log's windows are
+Phases and softness of the contacts are those that explain best what the motors' torques lost,
 
-    r_0 + J dp + sum_i a_i(phase_i)          J: by the free parameters, a_i: by the rollers of wheel i
+    u - B^+ (w' - A x)        w: the body's rates, a gyro's; A and B of the linearised exact model, heading frame
 
-with weights of one over the root mean square of each state. With J projected out, the squares for all phases together
-follow from one Gram matrix, so that the friction's errors do not move them. Which of two rings a roller belongs to does
-not change its torque, but the ball's velocity: of all choices, that whose windows are predicted best. The phases count
-if they reduce the squares of windows by `_CLEARLY` standard errors, in every log.
+once each wheel's friction, a sum of terms in its speed, has explained what it can of both. Wheels take turns in finding
+their phases, since rollers of one brake the ball's turning for all.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
-from ballbot.arrays import Floats, Ints
-from ballbot.identification.balancing import Balancing
-from ballbot.identification.prediction import Predictor, windows_for
-from ballbot.identification.quantities import scale_between
-from ballbot.identification.windows import Windows
-from ballbot.log import Log
-from ballbot.log.columns import wheel_angle_names, wheel_speed_names
-from ballbot.log.pose import with_wheel_speeds, without_encoder_lag
-from ballbot.mechanics.geometry import transforms
+from ballbot.arrays import Bools, Floats
+from ballbot.control.lqr import frictionless_model
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.log.torque_balance import BLOCK, FALLING, SIGN, block_sums, clarity
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import LOOP, Imperfections, RollerContacts, loop_record
 from ballbot.simulation.rollers import touch_rows
 
 #: places within a sample whose mean is its torque
 _WITHIN = (0.25, 0.75)
-#: phases tried within a pitch, and how often a third of their distance is tried on both sides of the best ones
-_TRIED, _REFINED = 10, 3
+#: phases tried within a pitch
+_TRIED = 16
 #: softness of the contacts that is tried, over the twin's
-_SOFTNESS = np.geomspace(0.35, 2.83, 13)
-#: length of the windows where nobody chose one [s]
-_WINDOW = 0.25
+_SOFTNESS = np.geomspace(0.5, 2.0, 9)
 #: pitches that each wheel must turn through: in few, other forces that depend on the place look like rollers. With a
 #: log of standing (14 pitches) beside a square, C_rr of the stand-in robot ended at zero
 _TURNED = 20.0
-#: scaled step of the derivatives by parameters
-_STEP = 1e-3
-#: standard errors by which rollers must reduce the squares of windows: the best of a thousand phases by chance has 3.3
+#: standard errors by which rollers must explain lost torques: the best of a thousand phases by chance has 3.3
 _CLEARLY = 3.3
 
 
@@ -58,222 +44,133 @@ class RollersFound:
     """Where the rollers are in logs, and how soft their contacts are."""
 
     contacts: RollerContacts
-    phases: Floats  #: (logs, n), angle of each wheel's roller of the first ring where the encoder shows zero [rad]
+    phases: Floats  #: (logs, n), angle of a roller of each wheel where the encoder shows zero, within a pitch [rad]
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {"phases": self.phases.tolist(), "softness": self.contacts.softness}
 
 
-def on_points(log: Log, robot: Robot, contacts: RollerContacts, phases: Floats) -> Log:
-    """Return the log with torques, wheel speeds and position of wheels that touch in a point; phases (n,) [rad].
-
-    Speeds and position stay if the position is not the wheels'.
-    """
-    angles, speeds = _turning(log, robot)
-    rolled, rings = _rolled(robot, contacts, angles + phases, speeds)
-    names = (f"u{i}" for i in range(1, robot.wheel_count + 1))
-    log = log.with_columns(dict(zip(names, (log.torques + rolled).T, strict=True)))
-    A, record = transforms(robot).T_owb, _record(robot, contacts)
-    touching = A + rings[..., None] * record["off_middle"][0, : robot.wheel_count]
-    relative = np.linalg.pinv(np.nan_to_num(touching)) @ speeds[..., None]
-    return with_wheel_speeds(log, robot, relative[..., 0] @ A.T)
-
-
-def shows_wheels(log: Log, robot: Robot) -> bool:
-    """Return whether a log has the angle and the speed of every wheel."""
-    names = {*wheel_angle_names(robot.wheel_count), *wheel_speed_names(robot.wheel_count)}
-    return names <= set(log.names)
-
-
-def _turning(log: Log, robot: Robot) -> tuple[Floats, Floats]:
-    names = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
-    angles, speeds = (np.column_stack([log[name] for name in columns]) for columns in names)
-    return angles, speeds
-
-
-def _record(robot: Robot, contacts: RollerContacts):
+def _rolled(log: Log, robot: Robot, contacts: RollerContacts, phases: Floats) -> Floats:
+    """Return the rollers' mean torques (N, n) from each row to the next; zero where the log has no angle or speed."""
     play = robot.drive.backlash if robot.drive.reflected_inertia > 0.0 else 0.0
     own = Imperfections(contacts=contacts, backlash=play)
-    return loop_record(own, robot, estimator=None, sample_time=robot.sensors.sample_time).view(LOOP.dtype())
-
-
-def _rolled(robot: Robot, contacts: RollerContacts, angles: Floats, speeds: Floats) -> tuple[Floats, Floats]:
-    """Return the rollers' mean torques (N, n) from each row to the next, and the rings that bear at the rows (N, n)."""
-    record = _record(robot, contacts).view(np.float64)
-    torques, rings, unused = (np.empty_like(angles) for _ in range(3))
-    total = np.zeros_like(angles)
-    later = np.minimum(np.arange(len(angles)) + 1, len(angles) - 1)
+    record = loop_record(own, robot, estimator=None, sample_time=robot.sensors.sample_time).view(LOOP.dtype())
+    names = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
+    angles, speeds = (np.column_stack([log[name] for name in columns]) for columns in names)
+    torques, rings, total = (np.zeros_like(angles) for _ in range(3))
+    later = np.minimum(np.arange(len(log)) + 1, len(log) - 1)
     for share in _WITHIN:
-        angle, speed = (now + share * (now[later] - now) for now in (angles, speeds))
-        touch_rows(record, angle, speed, torques, unused)
+        angle, speed = (now + share * (now[later] - now) for now in (angles + phases, speeds))
+        touch_rows(record.view(np.float64), angle, speed, torques, rings)
         total += torques / len(_WITHIN)
-    touch_rows(record, angles, speeds, torques, rings)
-    return total, rings
+    return np.nan_to_num(total)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _LogWindows:
-    """A log's windows, and how torques move their residuals."""
+class _Lost:
+    """The torques that a log's motors lost, without what each wheel's friction explains."""
 
-    experiment: Balancing
-    value: Floats  #: (1, p), SI units
     log: Log
-    windows: Windows
-    rows: Ints  #: (w,), of the log, where windows start
-    weights: Floats  #: (10,)
-    known: Floats  #: (M, q), an orthonormal basis of what parameters move
-    residuals: Floats  #: (M,), weighted, the basis projected out
+    robot: Robot
+    rows: Bools  #: (N,), those with every value
+    friction: list[Floats]  #: of each wheel an orthonormal basis of its friction
+    moving: Floats  #: (n, n), from torques to those that move the body
+    torques: Floats  #: (rows, n), over their root mean square
+    size: Floats  #: (n,), that mean [N m]
 
     @staticmethod
-    def of(experiment: Balancing, point: Floats, log: Log, number: int) -> "_LogWindows":
-        windows = experiment.windows.take(np.flatnonzero(experiment.block_log == number))
-        columns = np.flatnonzero(experiment.coordinates.free)
-        points = np.tile(point, (1 + len(columns), 1))
-        points[1 + np.arange(len(columns)), columns] += np.where(point[columns] > 0.5, -_STEP, _STEP)
-        values = experiment.coordinates.physical(points)
-        found = experiment.predictor.residuals(values, windows, every=windows.comparison_interval)
-        size = np.sqrt((found[0] ** 2).mean(axis=(0, 1)))
-        weights = np.where(experiment.counted & (size > 0.0), 1.0 / np.maximum(size, 1e-300), 0.0)
-        flat = (found * weights).reshape(len(found), -1)
-        slopes = (flat[1:] - flat[0]).T
-        known = np.linalg.qr(slopes[:, slopes.any(axis=0)])[0]
-        return _LogWindows(
-            experiment=experiment,
-            value=values[:1],
-            log=log,
-            windows=windows,
-            rows=np.searchsorted(log.t, [span.start - 1e-9 for span in windows.spans]),
-            weights=weights,
-            known=known,
-            residuals=flat[0] - known @ (known.T @ flat[0]),
+    def of(log: Log, robot: Robot) -> "_Lost":
+        linear, x = frictionless_model(robot).linearize(), np.column_stack([log[n] for n in STATE_NAMES])
+        back = np.linalg.pinv(linear.B[7:])
+        rates = np.diff(x[:, 7:], axis=0, append=np.nan) / np.diff(log.t, append=np.inf)[:, None]
+        into = np.exp(-1j * x[:, 4])  # the heading frame
+        lean, change = ((pair[:, 0] + 1j * pair[:, 1]) * into for pair in (x[:, 2:4], rates))
+        needed = np.column_stack([change.real, change.imag, rates[:, 2]])
+        needed = needed - np.column_stack([lean.real, lean.imag]) @ linear.A[7:, 2:4].T
+        lost = log.torques - needed @ back.T
+        speeds = np.column_stack([log[name] for name in wheel_speed_names(robot.wheel_count)])
+        rows = np.asarray(np.isfinite(np.hstack([lost, speeds])).all(axis=1))
+        signs = np.tanh(speeds[rows] / SIGN)
+        terms = np.stack(
+            [np.ones_like(signs), speeds[rows], signs, signs * np.exp(-np.abs(speeds[rows]) / FALLING)]
         )
+        found = _Lost(
+            log=log,
+            robot=robot,
+            rows=rows,
+            friction=[np.linalg.qr(terms[..., i].T)[0] for i in range(robot.wheel_count)],
+            moving=back @ linear.B[7:],
+            torques=lost[rows],
+            size=np.ones(robot.wheel_count),
+        )
+        left = found.without_friction(lost[rows])
+        size = np.sqrt((left**2).mean(axis=0))
+        return replace(found, torques=left / size, size=size)
 
-    def moved(self, torques: Floats) -> Floats:
-        """Return what further torques (c, N, n) add to the residuals (c, M)."""
-        windows, count = self.windows, len(torques)
-        within = torques[:, self.rows[:, None] + np.arange(windows.samples)]
-        more = np.concatenate([windows.torques[None], windows.torques + within])
-        every = np.tile(np.arange(len(windows)), 1 + count)
-        lanes = replace(windows.take(every), torques=more.reshape(-1, *more.shape[2:]))
-        predictor, interval = self.experiment.predictor, windows.comparison_interval
-        found = predictor.residuals(self.value, lanes, every=interval)[0] * self.weights
-        flat = found.reshape(1 + count, -1)
-        change = flat[1:] - flat[0]
-        return change - (change @ self.known) @ self.known.T
+    def without_friction(self, torques: Floats) -> Floats:
+        """Return torques (rows, n) without what each wheel's friction explains."""
+        pairs = zip(self.friction, torques.T, strict=True)
+        return np.column_stack([torque - basis @ (basis.T @ torque) for basis, torque in pairs])
 
-    def rolled(self, contacts: RollerContacts, phases: Floats) -> Floats:
-        """Return the torques (N, n) by phases (n,)."""
-        robot = self.experiment.predictor.robot
-        angles, speeds = _turning(self.log, robot)
-        return np.nan_to_num(_rolled(robot, contacts, angles + phases, speeds)[0])
+    def explained(self, contacts: RollerContacts, phases: Floats) -> Floats:
+        """Return by how much rollers lower the squares (rows,)."""
+        rolled = _rolled(self.log, self.robot, contacts, phases)[self.rows] @ self.moving.T
+        left = self.torques + self.without_friction(rolled) / self.size
+        return (self.torques**2 - left**2).sum(axis=1)
 
-    def best(self, contacts: RollerContacts, tried: Floats) -> Floats:
-        """Return the best phases (n,) of those tried for each wheel (n, k)."""
-        n, k = tried.shape
-        angles, _ = _turning(self.log, self.experiment.predictor.robot)
-        still = -angles  # the middle of a roller at every row: no torque, and what there is is common to all
-        common = self.rolled(contacts, still)
-        alone = [
-            self.rolled(contacts, np.where(np.arange(n) == i, phase, still)) - common
-            for i, phases in enumerate(tried)
-            for phase in phases
-        ]
-        moved = self.moved(np.stack([common, *alone]))
-        start, moved = self.residuals + moved[0], moved[1:]
-        gram, along = moved @ moved.T, 2.0 * (moved @ start)
-        choices = np.indices((k,) * n).reshape(n, -1).T + k * np.arange(n)
-        squares = along[choices].sum(axis=1)
-        for i, j in product(range(n), repeat=2):
-            squares += gram[choices[:, i], choices[:, j]]
-        return tried.ravel()[choices[squares.argmin()]]
-
-    def squares(self, contacts: RollerContacts, phases: Floats) -> Floats:
-        """Return the squares (w,) of each window less those without rollers."""
-        moved = self.moved(self.rolled(contacts, phases)[None])[0]
-        by_window = np.stack([self.residuals, self.residuals + moved]).reshape(2, len(self.windows), -1)
-        return np.diff((by_window**2).sum(axis=2), axis=0)[0]
-
-    def with_rings(self, contacts: RollerContacts, phases: Floats) -> Floats:
-        """Return phases (n,) with the choice of rings whose windows are predicted best."""
-        experiment, pitch = self.experiment, _pitch(contacts)
-        if contacts.rollers.rows != 2:
-            return phases
-        robot = experiment.predictor.robot
-        choices = phases + pitch * np.array([*product((0.0, 1.0), repeat=len(phases))])
-        errors = []
-        for choice in choices:
-            windows = windows_for(
-                experiment.predictor,
-                experiment.coordinates.upper,
-                [on_points(self.log, robot, contacts, choice)],
-                duration=self.windows.samples * self.windows.sample_time,
-            )
-            found = experiment.predictor.residuals(self.value, windows, every=windows.comparison_interval)
-            errors.append(float(np.log((found[0] ** 2).mean(axis=(0, 1)))[experiment.counted].sum()))
-        return choices[int(np.argmin(errors))]
+    def phases(self, contacts: RollerContacts) -> Floats:
+        """Return the phases (n,) that explain most."""
+        wheels = np.arange(self.robot.wheel_count)
+        found = np.zeros(len(wheels))
+        for wheel in (*wheels, *wheels):
+            tried = [np.where(wheels == wheel, k / _TRIED * _pitch(contacts), found) for k in range(_TRIED)]
+            found = max(tried, key=lambda phases: self.explained(contacts, phases).sum())
+        return found
 
 
 def _pitch(contacts: RollerContacts) -> float:
     return 2.0 * np.pi / (contacts.rollers.rows * contacts.rollers.per_row)
 
 
-def find_rollers(
-    experiment: Balancing, point: Floats, logs: Sequence[Log], *, clearly: float = _CLEARLY
-) -> RollersFound | None:
-    """Return where the rollers are, from predictions at a scaled point (p,).
+def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], RollersFound | None]:
+    """Return logs with the torques of wheels that touch in a point, and the rollers that are found in them.
 
-    None if they do not reduce the squares of windows by so many standard errors in every log, are as soft or as hard
-    as was tried, or hardly pass.
+    None, and the logs as they are, if they lack a wheel's angle or speed or another column, the wheels hardly turn, or
+    in a log the rollers do not explain lost torques by `_CLEARLY` standard errors, or as soft or as hard as was tried.
     """
-    robot = experiment.predictor.robot
-    of_logs = [_LogWindows.of(experiment, point, log, number) for number, log in enumerate(logs)]
-    contacts = RollerContacts(rollers=robot.wheels.rollers)
-    pitch = _pitch(contacts)
-    turned = [
-        np.ptp(angles[np.isfinite(angles).all(axis=1)], axis=0)
-        for angles, _ in (_turning(log, robot) for log in logs)
+    contacts, wheels = RollerContacts(rollers=robot.wheels.rollers), robot.wheel_count
+    angles = wheel_angle_names(wheels)
+    needed = {*STATE_NAMES, *torque_names(wheels), *angles, *wheel_speed_names(wheels)}
+    if contacts.rollers.rows > 2 or not all(needed <= set(log.names) for log in logs):
+        return list(logs), None
+    turned = [np.ptp(log[name][np.isfinite(log[name])]) for log in logs for name in angles]
+    if min(turned) < _TURNED * _pitch(contacts):
+        return list(logs), None
+    lost = [_Lost.of(log, robot) for log in logs]
+    phases = [of.phases(contacts) for of in lost]
+    tried = [replace(contacts, softness=softness) for softness in _SOFTNESS.tolist()]
+    of_logs = [[of.explained(one, at) for of, at in zip(lost, phases, strict=True)] for one in tried]
+    best = int(np.argmax([sum(of.sum() for of in explained) for explained in of_logs]))
+    clear = [
+        clarity(block_sums(by_row, ((of.log.t[of.rows] - of.log.t[0]) / BLOCK).astype(np.intp)))
+        for of, by_row in zip(lost, of_logs[best], strict=True)
     ]
-    if np.min(turned) < _TURNED * pitch:
-        return None
-    grid = np.arange(_TRIED) / _TRIED * pitch
-    phases = [windows.best(contacts, np.tile(grid, (robot.wheel_count, 1))) for windows in of_logs]
-    softest = [replace(contacts, softness=softness) for softness in _SOFTNESS.tolist()]
-    squares = [
-        sum(windows.squares(one, phase).sum() for windows, phase in zip(of_logs, phases, strict=True))
-        for one in softest
+    if best in (0, len(tried) - 1) or min(clear) < _CLEARLY:
+        return list(logs), None  # whatever passes there, it is not these rollers
+    names, found = torque_names(wheels), RollersFound(contacts=tried[best], phases=np.array(phases))
+    acting = [
+        log.torques + _rolled(log, robot, tried[best], at) for log, at in zip(logs, phases, strict=True)
     ]
-    best = int(np.argmin(squares))
-    if best in (0, len(softest) - 1):
-        return None  # whatever passes there, it is not these rollers
-    contacts = softest[best]
-    for level in range(1, 1 + _REFINED):
-        beside = np.array([-1.0, 0.0, 1.0]) * pitch / (_TRIED * 3.0**level)
-        phases = [
-            windows.best(contacts, phase[:, None] + beside)
-            for windows, phase in zip(of_logs, phases, strict=True)
-        ]
-    for windows, phase in zip(of_logs, phases, strict=True):
-        less = -windows.squares(contacts, phase)
-        if not less.mean() > clearly * less.std() / np.sqrt(len(less)):
-            return None
-    phases = [windows.with_rings(contacts, phase) for windows, phase in zip(of_logs, phases, strict=True)]
-    return RollersFound(contacts=contacts, phases=np.array(phases))
+    return [
+        log.with_columns(dict(zip(names, torques.T, strict=True)))
+        for log, torques in zip(logs, acting, strict=True)
+    ], found
 
 
 def as_its_friction(log: Log, robot: Robot) -> Log:
     """Return the log as what the robot's friction predicts: of wheels that touch in a point if it is without rollers.
 
-    It has no lag of its encoders then (`without_encoder_lag`). It stays where rollers make no prediction better.
+    It stays where the rollers are not found.
     """
-    if not (robot.friction.roller_softness and shows_wheels(log, robot)):
-        return log
-    log = without_encoder_lag(log, robot)
-    coordinates = scale_between(robot)
-    predictor = Predictor(robot=robot, step=log.sample_time, layout=coordinates.layout, threads=1)
-    windows = windows_for(predictor, coordinates.upper, [log], duration=_WINDOW)
-    experiment = Balancing(predictor=predictor, windows=windows, coordinates=coordinates)
-    if not len(windows):
-        return log
-    found = find_rollers(experiment, coordinates.scaled(coordinates.nominal), [log], clearly=0.0)
-    return on_points(log, robot, found.contacts, found.phases[0]) if found else log
+    return on_points([log], robot)[0][0] if robot.friction.roller_softness else log

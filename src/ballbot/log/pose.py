@@ -105,30 +105,21 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     body's rates are not. At 200 Hz half a sample changes friction's parameters by up to 1.4 standard errors
     (`campaigns.coverage`). `encoder_lag` estimates the lag from the angles.
 
-    A log is returned unchanged if it lacks a wheel's angle or speed or a state, or if its speeds are not late; what
-    follows from its speeds is as `with_wheel_speeds` says.
+    A log is returned unchanged if it lacks a wheel's angle or speed or a state, if its velocity is not that of its
+    wheel speeds (as a Kalman filter's), or if its speeds are not late. A position that is not the integral of its
+    velocity stays.
     """
     names = wheel_speed_names(robot.wheel_count)
     needed = {*STATE_NAMES, *wheel_angle_names(robot.wheel_count), *names}
     if len(log) < 2 * _APART or not needed <= set(log.names):
         return log
-    lag = encoder_lag(log, robot)
-    if lag == 0.0:
-        return log
-    at_rows = np.column_stack([np.interp(log.t + lag, log.t, log[name]) for name in names])
-    return with_wheel_speeds(log, robot, at_rows)
-
-
-def with_wheel_speeds(log: Log, robot: Robot, at_rows: Floats) -> Log:
-    """Return the log with other wheel speeds (N, n) [rad/s], and the ball's velocity and position that follow.
-
-    A log whose velocity is not that of its wheel speeds (as a Kalman filter's) is returned unchanged. A position that
-    is not the integral of its velocity stays.
-    """
-    names = wheel_speed_names(robot.wheel_count)
     speeds, velocity = (np.column_stack([log[n] for n in columns]) for columns in (names, ("x_dot", "y_dot")))
     if not _alike(_ball_velocity(log, robot, speeds), velocity):
         return log
+    lag = encoder_lag(log, robot)
+    if lag == 0.0:
+        return log
+    at_rows = np.column_stack([np.interp(log.t + lag, log.t, speed) for speed in speeds.T])
     velocity_at_rows = _ball_velocity(log, robot, at_rows)
     columns = dict(zip((*names, "x_dot", "y_dot"), (*at_rows.T, *velocity_at_rows.T), strict=True))
     steps, position = _steps(log), np.column_stack([log["x"], log["y"]])

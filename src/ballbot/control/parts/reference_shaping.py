@@ -57,7 +57,7 @@ _LAG = 0.046875
 #: t_0 [s]: by then most of r' is gone after a stop
 _NOTICED = 2.0 * _LAG
 #: deceleration b that p expects of itself, over the limit a
-_BRAKING = 0.875
+BRAKING = 0.875
 #: rate at which p approaches a target that is near [1/s], and the largest in a sample
 _APPROACH, _LARGEST_APPROACH = 4.0, 0.5
 #: weight of the torque against disturbances: a motion that changes needs more than its acceleration does
@@ -272,7 +272,7 @@ def _notice(own, limits, motion, r):
 @inlined
 def _ask(own, limits, motion, away):
     """Return the velocity that is asked of p: that of its target, and what takes it there."""
-    w, tau, braking = limits.frequency, own.delay, _BRAKING * limits.acceleration
+    w, tau, braking = limits.frequency, own.delay, BRAKING * limits.acceleration
     now = _plus(motion.change, _LAG, motion.bend)
     speed = _length(now)
     prompt = max(0.0, min(1.0, (_FAST - speed / limits.prompt) / (_FAST - 1.0)))
