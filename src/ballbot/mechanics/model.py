@@ -479,17 +479,13 @@ def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
     return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 
 
-#: standard deviations below which a value is with 5 %
-_CERTAIN = 1.645
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactMomentum:
     """The numbers of d/dt (v + C w) = -Lambda (g + kappa v/|v|), heading frame."""
 
     lever: NDArray[np.float64]  #: (2, 3) C [m]
     pull: NDArray[np.float64]  #: (2, 2) Lambda [m/s^2]
-    rolling: float  #: kappa, the lean that carries what is certain of the rolling friction [rad]
+    rolling: float  #: kappa, the lean that carries the rolling friction [rad]
 
 
 def contact_momentum(robot: Robot) -> ContactMomentum:
@@ -507,8 +503,7 @@ def contact_momentum(robot: Robot) -> ContactMomentum:
     v is the ball's velocity, w the body's angular velocity, g = (x and y of R^T e_z) the upward direction in the
     body's frame: (-sin phi, sin theta) at psi = 0, to second order. s = v + C w is the momentum as a speed; only
     gravity changes it, and what pushes the robot from outside: rolling friction, a slope, a hand. No friction of the
-    driveline, identified or not, is in it. Rolling friction acts as a lean of kappa = N C_rr r_b / (m_r g l) would, C_rr being its lower
-    95 % bound: of what logs show of it, play and rollers may be a part, which act inside the robot.
+    driveline, identified or not, is in it. Rolling friction acts as a lean of kappa = N C_rr r_b / (m_r g l) would.
     """
     E = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
     both = np.hstack([np.eye(2), E.T / robot.ball.radius])  # (row v) + E^T / r_b (row w)
@@ -517,10 +512,8 @@ def contact_momentum(robot: Robot) -> ContactMomentum:
     # gravity turns the body about g x e_z = (g_y, -g_x), and E^T (g_y, -g_x, 0) = -g
     pull = np.linalg.solve(mass[:, :2], np.eye(2) * moment / robot.ball.radius)
     lever = np.linalg.solve(mass[:, :2], mass[:, 2:])
-    deviation = float(np.sum(robot.standard_deviations.get("friction.rolling", 0.0)))
-    certain = max(robot.friction.rolling - _CERTAIN * deviation, 0.0)
     return ContactMomentum(
         lever=np.asarray(lever, dtype=np.float64),
         pull=np.asarray(pull, dtype=np.float64),
-        rolling=robot.weight * certain * robot.ball.radius / moment,
+        rolling=robot.rolling_force * robot.ball.radius / moment,
     )
