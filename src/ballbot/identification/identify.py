@@ -174,17 +174,13 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
-    prepared, rollers = on_points([*checked.logs.values()], robot)
-    softness = rollers.contacts.softness if rollers else 0.0
-    source = {"friction.roller_softness": "identified: from the rollers' passing"} if rollers else {}
+    prepared, softness = on_points([*checked.logs.values()], robot)
     robot = robot.replace({"friction.roller_softness": softness})
-    robot = robot.annotated(sources={**robot.sources, **source})
 
     def fitted(name: str, start: Identification | None) -> Identification:
         own, settings = robot_by_law(robot, name, free=free), replace(options, warm_start=start)
         coordinates = estimated_parameters(own, free=free, law=name, bounds=within)
-        found = _identified(own, coordinates, checked, prepared, name, window, options=settings, run=run)
-        return replace(found, rollers=rollers)
+        return _identified(own, coordinates, checked, prepared, name, window, options=settings, run=run)
 
     if law != "best":
         return fitted(law, options.warm_start)

@@ -34,7 +34,6 @@ from ballbot.identification.file_values import FileValue
 from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
-from ballbot.identification.rollers import RollersFound
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
@@ -67,7 +66,6 @@ class Identification(Reported):
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
-    rollers: RollersFound | None = None  #: which the friction does not contain; None: it does
     file_values: tuple[FileValue, ...] = ()  #: of the robot file, beside the logs' own estimates of them
     contradicted: tuple[str, ...] = ()  #: errors on them that are not accepted
     other: OtherOptimum | None = None
@@ -143,7 +141,7 @@ class Identification(Reported):
     def stands_for(self, name: str) -> str | None:
         """Return what else a quantity stands for: "" if nothing, None if that is not known."""
         also = BY_NAME[name].stands_for
-        if also is None or self.rollers is None:
+        if also is None or not self.robot.friction.roller_softness:
             return also
         return "play of the gears" if self.robot.drive.backlash > 0.0 else ""
 
@@ -196,7 +194,6 @@ class Identification(Reported):
                 for name in self.layout.names
                 if (also := self.stands_for(name)) is not None
             },
-            "rollers": self.rollers,
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
             "held_out": self.held_out,
             "fit": self.fit,

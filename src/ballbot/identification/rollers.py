@@ -23,11 +23,9 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.log.torque_balance import BLOCK, FALLING, SIGN, block_sums, clarity
 from ballbot.robot import Robot
-from ballbot.simulation.imperfections import LOOP, Imperfections, RollerContacts, loop_record
+from ballbot.simulation.imperfections import Imperfections, RollerContacts, loop_record
 from ballbot.simulation.rollers import touch_rows
 
-#: places within a sample whose mean is its torque
-_WITHIN = (0.25, 0.75)
 #: phases tried within a pitch
 _TRIED = 16
 #: softness of the contacts that is tried, over the twin's
@@ -39,32 +37,17 @@ _TURNED = 20.0
 _CLEARLY = 3.3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RollersFound:
-    """Where the rollers are in logs, and how soft their contacts are."""
-
-    contacts: RollerContacts
-    phases: Floats  #: (logs, n), angle of a roller of each wheel where the encoder shows zero, within a pitch [rad]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {"phases": self.phases.tolist(), "softness": self.contacts.softness}
-
-
 def _rolled(log: Log, robot: Robot, contacts: RollerContacts, phases: Floats) -> Floats:
-    """Return the rollers' mean torques (N, n) from each row to the next; zero where the log has no angle or speed."""
+    """Return the rollers' torques (N, n) between each row and the next; zero where the log lacks angle or speed."""
     play = robot.drive.backlash if robot.drive.reflected_inertia > 0.0 else 0.0
     own = Imperfections(contacts=contacts, backlash=play)
-    record = loop_record(own, robot, estimator=None, sample_time=robot.sensors.sample_time).view(LOOP.dtype())
+    record = loop_record(own, robot, estimator=None, sample_time=robot.sensors.sample_time)
     names = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
-    angles, speeds = (np.column_stack([log[name] for name in columns]) for columns in names)
-    torques, rings, total = (np.zeros_like(angles) for _ in range(3))
-    later = np.minimum(np.arange(len(log)) + 1, len(log) - 1)
-    for share in _WITHIN:
-        angle, speed = (now + share * (now[later] - now) for now in (angles + phases, speeds))
-        touch_rows(record.view(np.float64), angle, speed, torques, rings)
-        total += torques / len(_WITHIN)
-    return np.nan_to_num(total)
+    columns = (np.column_stack([log[name] for name in of]) for of in names)
+    angles, speeds = (0.5 * (now + np.concatenate([now[1:], now[-1:]])) for now in columns)
+    torques, rings = np.empty_like(angles), np.empty_like(angles)
+    touch_rows(record.view(np.float64), angles + phases, speeds, torques, rings)
+    return np.nan_to_num(torques)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,8 +59,7 @@ class _Lost:
     rows: Bools  #: (N,), those with every value
     friction: list[Floats]  #: of each wheel an orthonormal basis of its friction
     moving: Floats  #: (n, n), from torques to those that move the body
-    torques: Floats  #: (rows, n), over their root mean square
-    size: Floats  #: (n,), that mean [N m]
+    torques: Floats  #: (rows, n) [N m]
 
     @staticmethod
     def of(log: Log, robot: Robot) -> "_Lost":
@@ -91,33 +73,18 @@ class _Lost:
         lost = log.torques - needed @ back.T
         speeds = np.column_stack([log[name] for name in wheel_speed_names(robot.wheel_count)])
         rows = np.asarray(np.isfinite(np.hstack([lost, speeds])).all(axis=1))
-        signs = np.tanh(speeds[rows] / SIGN)
-        terms = np.stack(
-            [np.ones_like(signs), speeds[rows], signs, signs * np.exp(-np.abs(speeds[rows]) / FALLING)]
-        )
-        found = _Lost(
-            log=log,
-            robot=robot,
-            rows=rows,
-            friction=[np.linalg.qr(terms[..., i].T)[0] for i in range(robot.wheel_count)],
-            moving=back @ linear.B[7:],
-            torques=lost[rows],
-            size=np.ones(robot.wheel_count),
-        )
-        left = found.without_friction(lost[rows])
-        size = np.sqrt((left**2).mean(axis=0))
-        return replace(found, torques=left / size, size=size)
-
-    def without_friction(self, torques: Floats) -> Floats:
-        """Return torques (rows, n) without what each wheel's friction explains."""
-        pairs = zip(self.friction, torques.T, strict=True)
-        return np.column_stack([torque - basis @ (basis.T @ torque) for basis, torque in pairs])
+        w = speeds[rows]
+        sign = np.tanh(w / SIGN)
+        terms = np.stack([np.ones_like(w), w, sign, sign * np.exp(-np.abs(w) / FALLING)])
+        bases = [np.linalg.qr(terms[..., i].T)[0] for i in range(robot.wheel_count)]
+        moving, left = back @ linear.B[7:], _without(bases, lost[rows])
+        return _Lost(log=log, robot=robot, rows=rows, friction=bases, moving=moving, torques=left)
 
     def explained(self, contacts: RollerContacts, phases: Floats) -> Floats:
-        """Return by how much rollers lower the squares (rows,)."""
+        """Return by how much rollers lower the squares (rows,), over the mean ones of each wheel."""
         rolled = _rolled(self.log, self.robot, contacts, phases)[self.rows] @ self.moving.T
-        left = self.torques + self.without_friction(rolled) / self.size
-        return (self.torques**2 - left**2).sum(axis=1)
+        squares = self.torques**2 - (self.torques + _without(self.friction, rolled)) ** 2
+        return squares @ (1.0 / (self.torques**2).mean(axis=0))
 
     def phases(self, contacts: RollerContacts) -> Floats:
         """Return the phases (n,) that explain most."""
@@ -129,24 +96,34 @@ class _Lost:
         return found
 
 
+def _without(friction: list[Floats], torques: Floats) -> Floats:
+    """Return torques (rows, n) without what bases of each wheel's friction explain."""
+    pairs = zip(friction, torques.T, strict=True)
+    return np.column_stack([torque - basis @ (basis.T @ torque) for basis, torque in pairs])
+
+
 def _pitch(contacts: RollerContacts) -> float:
     return 2.0 * np.pi / (contacts.rollers.rows * contacts.rollers.per_row)
 
 
-def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], RollersFound | None]:
-    """Return logs with the torques of wheels that touch in a point, and the rollers that are found in them.
+def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], float]:
+    """Return logs with the torques of wheels that touch in a point, and how soft the contacts are, over the twin's.
 
-    None, and the logs as they are, if they lack a wheel's angle or speed or another column, the wheels hardly turn, or
+    Zero, and the logs as they are, if they lack a wheel's angle or speed or another column, the wheels hardly turn, or
     in a log the rollers do not explain lost torques by `_CLEARLY` standard errors, or as soft or as hard as was tried.
     """
-    contacts, wheels = RollerContacts(rollers=robot.wheels.rollers), robot.wheel_count
-    angles = wheel_angle_names(wheels)
-    needed = {*STATE_NAMES, *torque_names(wheels), *angles, *wheel_speed_names(wheels)}
+    contacts, wheels, same = (
+        RollerContacts(rollers=robot.wheels.rollers),
+        robot.wheel_count,
+        (list(logs), 0.0),
+    )
+    names, angles = torque_names(wheels), wheel_angle_names(wheels)
+    needed = {*STATE_NAMES, *names, *angles, *wheel_speed_names(wheels)}
     if contacts.rollers.rows > 2 or not all(needed <= set(log.names) for log in logs):
-        return list(logs), None
+        return same
     turned = [np.ptp(log[name][np.isfinite(log[name])]) for log in logs for name in angles]
     if min(turned) < _TURNED * _pitch(contacts):
-        return list(logs), None
+        return same
     lost = [_Lost.of(log, robot) for log in logs]
     phases = [of.phases(contacts) for of in lost]
     tried = [replace(contacts, softness=softness) for softness in _SOFTNESS.tolist()]
@@ -157,15 +134,12 @@ def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], RollersFoun
         for of, by_row in zip(lost, of_logs[best], strict=True)
     ]
     if best in (0, len(tried) - 1) or min(clear) < _CLEARLY:
-        return list(logs), None  # whatever passes there, it is not these rollers
-    names, found = torque_names(wheels), RollersFound(contacts=tried[best], phases=np.array(phases))
+        return same  # whatever passes there, it is not these rollers
     acting = [
         log.torques + _rolled(log, robot, tried[best], at) for log, at in zip(logs, phases, strict=True)
     ]
-    return [
-        log.with_columns(dict(zip(names, torques.T, strict=True)))
-        for log, torques in zip(logs, acting, strict=True)
-    ], found
+    columns = (dict(zip(names, torques.T, strict=True)) for torques in acting)
+    return [log.with_columns(of) for log, of in zip(logs, columns, strict=True)], tried[best].softness
 
 
 def as_its_friction(log: Log, robot: Robot) -> Log:

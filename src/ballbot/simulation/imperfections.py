@@ -177,9 +177,7 @@ class RollerContacts:
     contact_time: float = 0.004  #: time constant of the rubber [s]
     softness: float = 1.0  #: how much softer than the twin's it is
     give: float | None = None  #: by which a contact gives way for each newton [m/N]
-    creep: float | None = (
-        None  #: tangential force over the speed with which a roller that grips creeps [N s/m]
-    )
+    creep: float | None = None  #: tangential force over the speed with which a roller creeps [N s/m]
     relaxation: float | None = None  #: time constant of a contact's spring and damper [s]
 
 

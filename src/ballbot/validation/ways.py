@@ -19,7 +19,7 @@ class ValidationKind:
     compare: Callable[[Case], Comparison | str]  #: its result, or why the log does not allow it
     code: str  #: code of its verdict, in `ballbot.findings.CODES`
     as_logged: bool = (
-        False  #: whether it simulates the rollers; else the log is as of wheels that touch in a point
+        False  #: whether it simulates rollers; else the log is as of wheels that touch in a point
     )
     undisturbed: bool = False  #: whether it needs a log without external disturbances
 
