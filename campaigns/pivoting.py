@@ -2,7 +2,7 @@
 
 .venv/bin/python -m campaigns.evidence pivoting
 
-The filter was tuned on seeds below 940 of the loop and 600 to 602 of the twin, for controllers with compensation.
+The filter was tuned on seeds below 940 of the loop and 600 to 605 of the twin, for controllers with compensation.
 """
 
 import numpy as np
