@@ -121,7 +121,8 @@ def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], float]:
     needed = {*STATE_NAMES, *names, *angles, *wheel_speed_names(wheels)}
     if contacts.rollers.rows > 2 or not all(needed <= set(log.names) for log in logs):
         return same
-    turned = [np.ptp(log[name][np.isfinite(log[name])]) for log in logs for name in angles]
+    of_wheels = [log[name] for log in logs for name in angles]
+    turned = [np.nanmax(of, initial=-np.inf) - np.nanmin(of, initial=np.inf) for of in of_wheels]
     if min(turned) < _TURNED * _pitch(contacts):
         return same
     lost = [_Lost.of(log, robot) for log in logs]
@@ -133,7 +134,7 @@ def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], float]:
         clarity(block_sums(by_row, ((of.log.t[of.rows] - of.log.t[0]) / BLOCK).astype(np.intp)))
         for of, by_row in zip(lost, of_logs[best], strict=True)
     ]
-    if best in (0, len(tried) - 1) or min(clear) < _CLEARLY:
+    if best in (0, len(tried) - 1) or not min(clear) > _CLEARLY:
         return same  # whatever passes there, it is not these rollers
     acting = [
         log.torques + _rolled(log, robot, tried[best], at) for log, at in zip(logs, phases, strict=True)
