@@ -104,3 +104,20 @@ def test_the_observer_adds_no_more_than_a_share_of_what_the_robot_may_command(na
     observer = precise_controller(robot).parts.disturbance_observer
     assert observer is not None
     assert observer.limit == pytest.approx(limit, rel=0.02)
+
+
+def test_a_motion_that_changes_into_braking_asks_no_more_than_the_motors_have():
+    # s'' and s'''' as four lags follow a change from the limit of acceleration to 0.875 of it backward
+    controller = precise_controller(alten())
+    shaping, needed = controller.parts.shaping, controller.record[0]["feed_forward"]
+    assert shaping is not None
+    g = np.linspace(0.0, 20.0, 2001)[:, None]
+    passed = 1.0 - np.exp(-g) * (1.0 + g + g**2 / 2.0 + g**3 / 6.0)
+    bent = shaping.frequency**2 * np.exp(-g) * (g**2 / 2.0 - g**3 / 6.0)
+    second = shaping.acceleration_limit * (1.0 - 1.875 * passed)
+    fourth = -1.875 * shaping.acceleration_limit * bent
+    torques = [
+        second * a + fourth * b for a, b in zip(needed["by_second"].T, needed["by_fourth"].T, strict=True)
+    ]
+    largest = np.hypot(*torques).max()
+    assert 0.95 * grip_torque_limit(alten()) < largest < 1.01 * grip_torque_limit(alten())
