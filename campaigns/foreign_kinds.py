@@ -23,7 +23,7 @@ from tests.support import contradicting_logs, faulty_samples, foreign_tables
 from tests.support.contradicting_logs import Outcome
 
 #: drawn after the last change of what is judged; seeds below 10,000 are those of development
-SEED = 269299
+SEED = 199588
 #: logs of each kind, and as many twins: of 33 kinds 231 of both
 OF_A_KIND = 7
 #: environment variables: logs of each kind, and the seed

@@ -54,7 +54,8 @@ def identified_friction() -> Section:
         title="Friction by the three stages",
         before="The nominal twin's friction from a sweep with the wheels free, from a minute upside down and from two "
         "logs of balancing, beside the friction that its drivelines are given. Means over the wheels; the last columns "
-        "are the friction torque [N m] at that wheel speed [rad/s].",
+        "are the friction torque [N m] at that wheel speed [rad/s]. A delta of 1.000 is held, and 0.300 is "
+        "the least allowed: these logs do not tell it.",
         columns=["stage", "b", "c", "s", "v_s", "delta", *(f"at {speed:g}" for speed in SPEEDS)],
         rows=rows,
         after="The sweep shows the friction of motor and gear. When the robot balances, the wheels also carry its "

@@ -54,8 +54,7 @@ def campaign() -> Section:
         before=f"The training record {SOURCE}: 24.84 s at 1 kHz of an electro-mechanical positioning system, its "
         "position and its motor's voltage. In the first row the standard errors treat samples as independent, as "
         "published; below they are clustered in time, and those of the result include what differs between parts and "
-        "methods. The asymmetric law's b is that of both directions. Open loop: RMS position error over the whole "
-        "record [mm].",
+        "methods. Open loop: RMS position error over the whole record [mm].",
         columns=["law", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop"],
         rows=[published, *(_row(name, fit) for name, fit in result.by_law.items())],
         after=_after(result),
@@ -67,9 +66,6 @@ def _row(name: str, fit: AxisEstimate) -> list[str]:
     for parameter in PUBLISHED:
         value, error = fit.values.get(parameter, 0.0), fit.standard_errors.get(parameter, 0.0)
         texts.append(f"{value:.4g} ± {error:.2g}" if parameter in fit.values else "")
-        if parameter == "viscous" and "asymmetry" in fit.values:
-            change = fit.values["asymmetry"]
-            texts[-1] = f"{value + change:.4g} / {value - change:.4g}"
     return [name, *texts, f"{1e3 * fit.errors[fit.motions[0].record.name].open_loop_rmse:.2f}"]
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from ballbot.cli.main import main
 from ballbot.log import Log
-from ballbot.log.mapping import dead_band_findings
 from ballbot.robot.file import robot_text
 from tests.support.foreign_log_examples import COURSE, foreign_columns, small_robot, write_foreign
 
@@ -49,10 +48,10 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     np.testing.assert_allclose(again["theta"], log["theta"])
     assert "complete" not in mapping.read_text()
     # a dead band that nobody states: commands say so, and no longer once it is stated
-    (finding,) = dead_band_findings([mapping, None])
-    assert (finding.code, finding.severity, finding.where.file) == ("dead-band", "warning", str(mapping))
+    assert [one.severity for one in again.changes if one.code == "dead-band"] == ["warning"]
     mapping.write_text(mapping.read_text().replace("# dead_band = ", "dead_band = "))
-    assert dead_band_findings([mapping]) == ()
+    stated = Log.read(folder / "run.txt", mapping=mapping, robot=folder / "robot.toml")
+    assert "dead-band" not in [one.code for one in stated.changes]
 
 
 def test_what_cannot_be_determined_exits_with_two_and_a_line_to_fill_in(folder, capsys):
@@ -77,10 +76,10 @@ def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
     assert main(words_for(folder, "bare.txt", "--columns", "t,roll")) == 2
 
 
-def test_several_logs_of_one_robot_give_one_mapping(folder):
-    out = folder / "several"
-    words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty", "--out", str(out))
+def test_the_mapping_of_one_log_reads_another_of_the_same_robot(folder, capsys):
     (folder / "again.txt").write_text((folder / "run.txt").read_text())
+    words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty")
     assert main(words) == 0
-    assert len(json.loads((out / "results.json").read_text())["files"]) == 2
-    assert "keep" not in (out / "mapping.toml").read_text()
+    assert "again.txt: balancing" in capsys.readouterr().out
+    assert main([*words, "--out", str(folder / "several")]) == 2
+    assert "--out takes one log" in capsys.readouterr().err

@@ -1,10 +1,12 @@
 """The one fit on plain experiments, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.testing import assert_allclose
 
 from ballbot.fitting.experiment import Residuals, residuals_without_states
-from ballbot.fitting.fit import fit
+from ballbot.fitting.fit import fit, released
 from ballbot.fitting.parameter import FitParameter, Limits
 
 
@@ -12,11 +14,11 @@ def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> FitParameter:
     return FitParameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
 
 
-def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
+def line(seed: int, b: float = -0.8, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
     """Return the experiment of a linear model with two parameters, its columns and its values."""
     random = np.random.default_rng(seed)
     X = random.normal(size=(400, 2))
-    values = X @ [0.3, -0.8] + 0.1 * random.normal(size=400)
+    values = X @ [0.3, b] + 0.1 * random.normal(size=400)
     made = residuals_without_states(
         lambda p: (X @ p - values).reshape(100, 4),
         parameters=(signed("a", **more), signed("b")),
@@ -33,6 +35,23 @@ def test_fit_of_a_linear_model_is_the_closed_form_with_the_jackknife_of_its_rows
     plain = np.linalg.inv(X.T @ X) * np.mean((values - X @ found.values) ** 2)
     # rows are independent; their squares scatter
     assert_allclose(found.covariance, plain, rtol=0.25, atol=0.1 * plain.max())
+
+
+def test_a_parameter_is_estimated_if_held_out_blocks_tell_it_and_otherwise_moves_the_errors_of_others():
+    for b in (-0.8, 0.0):
+        made, X, _ = line(11, b)
+        narrower = replace(made, coordinates=made.coordinates.holding("b"))
+        held = fit(narrower, narrower.coordinates.scaled(np.zeros(2)))
+        found = released(held, made, "b", deviation=0.5)
+        if b:
+            assert_allclose(found.values, fit(made, made.coordinates.scaled(np.zeros(2))).values, atol=1e-9)
+            assert found.errors.max() < 0.01  # 0.1 / sqrt(400), rows being independent
+        else:
+            assert_allclose(found.values, held.values)
+            # a is the regression of the values less b x_2 on x_1
+            moved = np.array([-0.5 * (X[:, 0] @ X[:, 1]) / (X[:, 0] @ X[:, 0]), 0.5])
+            own = np.diag([held.covariance[0, 0], 0.0])
+            assert_allclose(found.covariance, own + np.outer(moved, moved), rtol=1e-6, atol=1e-12)
 
 
 def test_fit_ends_at_a_bound_and_gives_no_error_there():

@@ -31,7 +31,7 @@ def swept(robot: Robot, *, phase: float = 0.4) -> Columns:
         torque = np.sin(2.0 * np.pi * t / 20.0 - phase * wheel)
         line = Driveline(
             inertia=Driveline.of_wheel(robot, wheel).inertia,
-            friction=friction_of(np.array([0.014, 0.1, 0.05, 0.6])),
+            friction=friction_of(np.array([0.014, 0.1, 0.05, 0.6, 1.0])),
             speed_limit=limit,
         )
         speed = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME).speeds

@@ -27,11 +27,6 @@ def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None)
     return evaluate(propose(file, small_robot(), stated or Stated(command="duty")))
 
 
-@pytest.fixture(scope="module")
-def surest(tmp_path_factory) -> Proposal:
-    return found_for(tmp_path_factory.mktemp("surest"))
-
-
 @pytest.mark.parametrize(
     "habits",
     [
@@ -154,8 +149,9 @@ def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path)
     assert [one.key for one in found.questions] == ["[input] kind"]
     assert found.log is None
     assert "complete = false" in found.text
-    for kind in ("torque", "current", "voltage", "duty"):
-        assert f"# if it is a {kind}," in found.text
+    (question,) = found.questions
+    assert question.answers == ("torque", "current", "voltage", "duty")
+    assert "--command" in question.evidence
 
 
 def test_a_heading_that_contradicts_the_stated_kind_is_refused(tmp_path):
@@ -191,21 +187,11 @@ def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path):
 def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
     columns = foreign_columns()
     for k, name in enumerate(("u1", "u2", "u3")):
-        # three rows a period, half as large as the duties themselves
-        columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
+        # eight rows a period, twice as large as the duties themselves
+        columns[name] = columns[name] + 0.4 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.08 + k / 3.0))
     file = write_foreign(tmp_path / "run.txt", columns)
     found = evaluate(propose(file, small_robot(), Stated(command="duty")))
-    assert "from row to row, 10 ms apart" in found.refusal
-
-
-@pytest.mark.parametrize(
-    "other", [{}, {"signs": (-1, -1, -1)}, {"turn": 0.5236}, {"command_order": (0, 2, 1)}]
-)
-def test_a_log_that_contradicts_the_mapping_of_the_surest_is_refused(tmp_path, surest, other):
-    habits = replace(COURSE, **other)
-    file = write_foreign(tmp_path / "other.txt", foreign_columns(habits), habits)
-    found = evaluate(propose(file, small_robot(), Stated(command="duty")), common=surest)
-    assert ("contradicts the robot" in found.refusal) == bool(other)
+    assert "a row every 10 ms" in found.refusal
 
 
 def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):

@@ -49,7 +49,7 @@ def test_the_friction_found_is_drawn(found: AxisIdentification) -> None:
     speed, friction = (np.asarray(one)[201:] for one in curves["coulomb"].get_data())
     np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
     assert [row[0] for row in parameter_rows(found)] == ["M", "b", "c", "offset"]
-    assert set(curves) == {"record", "coulomb", "asymmetric"}
+    assert set(curves) == {"record", "coulomb"}
 
 
 @pytest.mark.slow

@@ -31,8 +31,3 @@ def balancing(name: str = "alten", *, seed: int = 1, mass: float = 1.0) -> tuple
     log = simulate(Model(true), feedback, references.square(side=0.5, period=12.0), duration=12.0)
     columns = dict(zip(STATE_NAMES, np.array(measured[: len(log)]).T, strict=True))
     return log.without_truth().with_columns(columns), robot
-
-
-def scaled(log: Log, factor: float, *names: str) -> Log:
-    """Return the log with columns times a factor."""
-    return log.with_columns({name: factor * log[name] for name in names})

@@ -4,10 +4,11 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.cli.findings import check_input, in_files, read_motion_capture, stop_or_show
+from ballbot.cli.findings import check_input, in_files, stop_or_show
 from ballbot.errors import about
 from ballbot.log import Log
 from ballbot.log.collection import named_files
+from ballbot.log.pose import read_motion_capture
 from ballbot.report.alignment import alignment_report
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
@@ -43,8 +44,9 @@ def align(
         body.
     """
     run = Log.read(log, mapping=mapping, robot=robot)
-    cameras = read_motion_capture(mocap, mocap_mapping, accept=accept)
-    findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
+    cameras = read_motion_capture(mocap, mocap_mapping)
+    stop_or_show(in_files([(mocap, cameras.changes)]), accept=accept)
+    findings = check_input(None, [log], [run], accept=accept)
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
         with about(f"{log} and {mocap}"):

@@ -15,7 +15,7 @@ from ballbot.log.columns import given_names
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.proposal import Proposal, answer_lines, evaluate, propose, surest
+from ballbot.log.proposal import answer_lines, evaluate, propose
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
@@ -37,8 +37,7 @@ def check_log(
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
     For files that are not in Ballbot's format and have no mapping, propose one and test it against the robot's
-    equations. Several logs of one robot give one mapping. If something cannot be determined, the mapping file lists all
-    questions at once, and the exit code is 2.
+    equations. If something cannot be determined, the mapping file lists all questions at once, and the exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -49,7 +48,7 @@ def check_log(
     file
         The log: CSV or Parquet with Ballbot's column names, or any table of text, JSON or MATLAB.
     others
-        More logs of the same robot and firmware.
+        More logs, shown without --out. A mapping proposed for one log of a robot is for all, by --mapping.
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
     command
@@ -74,14 +73,14 @@ def check_log(
         if value is not None and not proposes:
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
-    if out and others and not proposes:
-        raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
+    if out and others:
+        raise InputError("--out takes one log; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()
     with open_result(out, writes=writes) as result:
-        if robot and described and proposes:
-            _show(files, described, stated, source=robot, result=result)
-        else:
-            for path in files:
+        for path in files:
+            if robot and described and proposes:
+                _show(path, described, stated, source=robot, result=result)
+            else:
                 _check(path, described, mapping, result, source=robot)
 
 
@@ -115,49 +114,28 @@ def _next_step(command: str, robot: str | None, log: Path, tail: Sequence[str]) 
     return f"`{shell_line(['ballbot', *words, *tail, *folder])}`"
 
 
-def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
-    """Show the mapping proposed for foreign files; with a folder, write it, the log of the surest and results.json.
+def _show(file: Path, robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
+    """Show the mapping proposed for a foreign file; with a folder, write it, the log that it makes and results.json.
 
-    Raise InputError if something cannot be determined, or if a log contradicts the others or the robot, after
-    everything that was determined is shown and written.
+    Raise InputError if something cannot be determined, or if the log contradicts the robot, after everything that was
+    determined is shown and written.
     """
-    proposals, evaluated = list[Proposal](), list[Proposal]()
-    for file in paths:
-        with progress_bar(result.console, f"comparing {file.name} with the robot"):
-            proposals.append(propose(file, robot, stated))
-            evaluated.append(evaluate(proposals[-1]))
-    best = surest(evaluated)
-    if len(paths) > 1:
-        evaluated = [evaluate(proposal, common=best) for proposal in proposals]
-        best = surest(evaluated)
-    printed = [Text(line) for proposal in evaluated for line in answer_lines(proposal)]
-    texts: dict[str, Content] = {"mapping.toml": best.text}
-    files = texts if best.log is None else texts | {"log.csv": best.log.write}
-    problem, step = _problem(evaluated, best), ""
+    with progress_bar(result.console, f"comparing {file.name} with the robot"):
+        found = evaluate(propose(file, robot, stated))
+    printed = [Text(line) for line in answer_lines(found)]
+    texts: dict[str, Content] = {"mapping.toml": found.text}
+    files = texts if found.log is None else texts | {"log.csv": found.log.write}
+    step = ""
     if result.folder is None:
-        printed.append(Text("\n" + best.text))
-        step = "" if problem else "the same command with `--out checked` writes the mapping and the log."
-    elif not problem:
-        attitude, commands = best.roles.attitude, best.roles.commands
+        printed.append(Text("\n" + found.text))
+        if not found.refusal:
+            step = "the same command with `--out checked` writes the mapping and the log."
+    elif not found.refusal:
+        attitude, commands = found.roles.attitude, found.roles.commands
         command = ("identify" if attitude else "identify-driveline") if commands else "check-log"
         tail = ["--mapping", str(result.folder.path / "mapping.toml")]
-        step = _next_step(command, source if commands else None, best.base.path, tail)
-    page = proposal_report(best, evaluated, kept=result.folder is not None)
+        step = _next_step(command, source if commands else None, file, tail)
+    page = proposal_report(found, kept=result.folder is not None)
     result.write(page, files=files, printed=printed, named=[*files], next_step=step)
-    if problem:
-        raise InputError(problem)
-
-
-def _problem(evaluated: Sequence[Proposal], surest: Proposal) -> str:
-    """Return why no mapping can be used for these logs; empty if one can."""
-    for proposal in evaluated:
-        if proposal.base.layout.names != surest.base.layout.names:
-            return (
-                f"The columns of {proposal.base.path} differ from those of {surest.base.path}: the logs agree, but "
-                "each needs its own mapping. Check them one by one."
-            )
-    for proposal in (surest, *evaluated):
-        if proposal.refusal:
-            by = "" if proposal is surest else f"by the mapping of {surest.base.path}, "
-            return f"{proposal.base.path}: {by}{proposal.refusal}"
-    return ""
+    if found.refusal:
+        raise InputError(f"{file}: {found.refusal}")

@@ -25,7 +25,6 @@ def check_input(
     logs: Iterable[Log],
     *,
     accept: Sequence[str] | None,  # the codes of `--accept`
-    mappings: Collection[Path | None] = (),  # the mapping files of the logs
     # whether to print the findings; if not, the command calls `show_findings` when it has printed its result
     show: bool = True,
 ) -> tuple[Finding, ...]:
@@ -34,12 +33,10 @@ def check_input(
     Raise InputError if a log has an error whose code is not accepted, or if a code is unknown.
     """
     from ballbot.log.checks import findings_of
-    from ballbot.log.mapping import dead_band_findings
 
     check_codes(accept or ())
     named = {str(path): log for path, log in zip(paths, logs, strict=True)}
-    findings = [*findings_of(robot, named), *(dead_band_findings(dict.fromkeys(mappings)) if robot else ())]
-    return stop_or_show(findings, accept=accept, others="`ballbot check-log`", show=show)
+    return stop_or_show(findings_of(robot, named), accept=accept, others="`ballbot check-log`", show=show)
 
 
 def checked_robot(
@@ -61,17 +58,6 @@ def in_files(named: Iterable[tuple[Path, Iterable[Finding]]]) -> list[Finding]:
         for path, findings in named
         for finding in findings
     ]
-
-
-def read_motion_capture(path: Path, mapping: Path | None, *, accept: Sequence[str] | None) -> Log:
-    """Return motion capture; raise InputError if its clock is in another unit, and that is not accepted."""
-    from ballbot.log import pose
-    from ballbot.log.clock import clock_findings
-
-    mocap = pose.read_motion_capture(path, mapping)
-    found = [*mocap.changes, *clock_findings(mocap.t, "--mocap-mapping")]
-    stop_or_show(in_files([(path, found)]), accept=accept)
-    return mocap
 
 
 def stop_or_show(

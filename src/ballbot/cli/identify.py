@@ -79,7 +79,7 @@ def identify(
     read = [read_balancing_log(*each, described) for each in zip(paths, mappings, strict=True)]
     within = read_bounds(bounds) if bounds else Bounds()
     # all logs are checked together, because they are of one robot
-    findings = check_input(described, paths, read, accept=accept, mappings=mappings)
+    findings = check_input(described, paths, read, accept=accept)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         fit = identify_friction(

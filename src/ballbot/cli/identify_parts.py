@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_logs
-from ballbot.cli.findings import in_files, read_motion_capture, stop_or_show
+from ballbot.cli.findings import in_files, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run
@@ -21,7 +21,7 @@ from ballbot.identification.stages import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.log.mapping import dead_band_findings
+from ballbot.log.pose import read_motion_capture
 from ballbot.progress import in_stage
 from ballbot.report.axis import axis_report
 from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
@@ -43,10 +43,10 @@ def identify_driveline(
     mapping: options.Mapping = None,
     accept: options.Accept = None,
 ) -> None:
-    """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
+    """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
 
     Each wheel is an axis of the robot file's inertia (`ballbot identify-axis`) with that law. Writes report.html,
-    results.json and robot.toml (with each wheel's b, c and s, the mean of v_s, and their standard deviations and
+    results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, their standard deviations and
     correlations). If the friction in the robot file has standard deviations, the two are compared.
 
     Example: ballbot identify-driveline alten sweep/log.csv --out found
@@ -61,7 +61,7 @@ def identify_driveline(
     sweeps = sweeps_of(described, read)
     of_sweep = in_files([(log, sweep_findings(described, sweeps))])
     of_log = bench_findings(described, {str(log): read})
-    findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
+    findings = stop_or_show([*of_log, *of_sweep], accept=accept)
     with open_result(out, doing="sweep", writes=["robot.toml"]) as result:
         fits = [
             fit_driveline(sweep, run=Run(progress=in_stage(result.report, f"wheel {sweep.wheel}")))
@@ -161,7 +161,9 @@ def identify_geometry(
         for path, log in zip(on_wheels, of_ball, strict=True)
     )
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
-    cameras = [read_motion_capture(capture, mocap_mapping, accept=accept) for capture in captures]
+    cameras = [read_motion_capture(capture, mocap_mapping) for capture in captures]
+    of_cameras = ((capture, mocap.changes) for capture, mocap in zip(captures, cameras, strict=True))
+    stop_or_show(in_files(of_cameras), accept=accept)
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         geometry = survey_geometry(
             described,

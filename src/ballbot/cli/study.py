@@ -62,7 +62,7 @@ def study(
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, mapping, described)
     within = read_bounds(bounds) if bounds else None
-    findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
+    findings = check_input(described, logs, named.values(), accept=accept)
     back_emf, excluded = back_emf_of([mapping] if mapping else [], described), names_listed(exclude_states)
     truth = load_scenario(scenario, described)
     with open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result:

@@ -45,7 +45,7 @@ def _validate_prediction(
     log = read_balancing_log(file, mapping, robot)
     # errors that the verdict itself explains do not stop the command
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
-    findings = check_input(robot, [file], [log], accept=accepted, mappings=[mapping], show=False)
+    findings = check_input(robot, [file], [log], accept=accepted, show=False)
     with about(file):
         verdict = evaluate_log(prediction, log, driver, log_findings=findings)
     steps = next_steps(verdict, prediction, results=results, robot=beside, controller=controller)
@@ -120,7 +120,7 @@ def validate(
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = as_controller(controller, described) if controller else None
-    findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
+    findings = check_input(described, logs, named.values(), accept=accept)
     fitted = fitted_findings(models, named)
     show_findings(fitted)
     findings = by_severity([*fitted, *findings])

@@ -20,7 +20,7 @@ statistics, Statistica Sinica 21 (2011) 129-148). A limit lies where 2 N n_s (co
 Student's quantile.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
@@ -35,6 +35,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import BlockErrors, Experiment, IterateT, Residuals
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty, between, truncated_reach
+from ballbot.fitting.model_selection import blocks_of, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.uncertainty import (
     Discrepancy,
@@ -267,6 +268,7 @@ class Fit(Generic[IterateT]):
     groups: Ints  #: (w,), of blocks that should agree, from 0
     most_profiles: int  #: see `FitOptions`
     run: Run  #: its seed is that of `discrepancy`
+    moved: Floats | None = None  #: (p,), SI units, by the standard deviation of a held one (`released`)
 
     @property
     def values(self) -> Floats:
@@ -338,9 +340,11 @@ class Fit(Generic[IterateT]):
 
     @property
     def covariance(self) -> Floats:
-        """`scaled_covariance` in SI units (p, p)."""
+        """`scaled_covariance` in SI units (p, p), with what a held parameter may change."""
         slopes = self.finished.experiment.coordinates.slopes(self.finished.point)
-        return self.scaled_covariance * np.outer(slopes, slopes)
+        own = self.scaled_covariance * np.outer(slopes, slopes)
+        more = np.zeros(own.shape) if self.moved is None else np.outer(self.moved, self.moved)
+        return np.where(more != 0.0, np.nan_to_num(own) + more, own)
 
     @property
     def errors(self) -> Floats:
@@ -489,20 +493,20 @@ def _has_effect(
 
 # --- held-out blocks ---
 
-#: steps of a fit to some of the blocks, from the fit to all
-_HELD_OUT_STEPS = 8
+#: number of folds, and steps of a fit without one of them, from the fit to all
+_FOLDS, _HELD_OUT_STEPS = 3, 8
 
 
-def held_out_squares(
-    experiment: Residuals, end: BlockErrors, groups: Sequence[Ints], *, folds: int
-) -> Floats:
-    """Return the mean square error (w,) of each block by a fit that did not see it.
+def held_out_squares(fitted: Fit[BlockErrors]) -> Floats:
+    """Return the mean square error (w,) of each block by a fit that did not see it, nor its neighbours in time.
 
-    The fit is repeated without each of `folds` parts of the groups of blocks; `end` is the end of the fit to all.
+    The fit is repeated without each of `_FOLDS` parts of the blocks.
     """
-    squares, count = np.empty(len(end.states)), len(end.states)
-    for fold in range(folds):
-        out = np.sort(np.concatenate(groups[fold::folds]))
+    experiment, end, count = fitted.finished.experiment, fitted.finished.end, len(fitted.finished.end.states)
+    assert isinstance(experiment, Residuals)
+    squares = np.empty(count)
+    for fold in range(_FOLDS):
+        out = np.sort(np.concatenate(blocks_of(count)[fold::_FOLDS]))
         kept = np.setdiff1d(np.arange(count), out)
         (part, near), (rest, there) = (
             (experiment.part(rows), replace(end, states=end.states[rows])) for rows in (kept, out)
@@ -517,6 +521,26 @@ def held_out_squares(
         errors = rest.begin(again.point, there).errors
         squares[out] = np.nan_to_num(np.bincount(rest.block, errors**2) / np.bincount(rest.block), nan=np.inf)
     return squares
+
+
+def released(held: Fit[BlockErrors], wider: Residuals, name: str, *, deviation: float) -> Fit[BlockErrors]:
+    """Return the fit of `wider`, in which a quantity of one number that `held` holds is free.
+
+    If held-out blocks do not support it, or its standard error is not below the `deviation` that it has anyway [SI],
+    return `held` with errors that include this deviation. The others move with it by -H^-1 H_name (S. F. Schmidt,
+    Application of state-space methods to navigation problems, Advances in Control Systems 3 (1966) 293-340).
+    """
+    space, kept = wider.coordinates, held.estimated
+    index, point = space.names.index(name), space.scaled(held.values)
+    free, blocks = fit(wider, point), blocks_of(len(wider.block_log))
+    squares, others = (held_out_squares(own)[:, None] for own in (free, held))
+    if free.errors[index] < deviation and gain_between(squares, others, blocks).significant:
+        return free
+    H = wider.equations(wider.begin(point, held.finished.end)).matrix
+    moved = (np.arange(len(point)) == index).astype(float)
+    moved[kept] = np.linalg.solve(H[np.ix_(kept, kept)], -H[kept, index])
+    moved *= space.slopes(point)
+    return replace(held, moved=deviation * moved / moved[index])
 
 
 # --- intervals ---

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballbot.arrays import Floats, Ints
-from ballbot.fitting.uncertainty import resamples
+from ballbot.fitting.uncertainty import block_length, resamples
 
 #: bootstrap draws, and the confidence of the interval
 DRAWS, LEVEL = 4000, 0.95
@@ -58,6 +58,15 @@ def gain_between(squares: Floats, others: Floats, groups: Sequence[Ints]) -> Gai
 def neighbours(rows: Sequence[int], *, block: int) -> list[Ints]:
     """Return the rows in blocks of `block` neighbours."""
     return [np.array(rows[first : first + block], dtype=np.int64) for first in range(0, len(rows), block)]
+
+
+#: number of blocks of time
+_BLOCKS = 12
+
+
+def blocks_of(windows: int) -> list[Ints]:
+    """Return the windows of each block of time, neighbours that are held out and drawn together."""
+    return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
 
 
 def _error_ratio(squares: Floats, others: Floats) -> Floats:

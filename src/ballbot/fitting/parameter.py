@@ -8,7 +8,7 @@ A fit works with scaled parameters z, which run from 0 to 1 between the bounds o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -55,6 +55,14 @@ class ParameterSpace:
 
     parameters: tuple[FitParameter, ...]
     alike: tuple[str, ...] = ()  #: quantities whose parameters all have one common value
+
+    def holding(self, *names: str) -> ParameterSpace:
+        """Return the space with these quantities held at their defaults."""
+        held = (
+            replace(own, bounds=(own.default, own.default)) if own.name in names else own
+            for own in self.parameters
+        )
+        return replace(self, parameters=tuple(held))
 
     @property
     def labels(self) -> tuple[str, ...]:

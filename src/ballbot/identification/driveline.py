@@ -1,10 +1,9 @@
 """Stage one of the thesis (3.1 to 3.5): the drivelines with free wheels, each an axis of known inertia.
 
-    (j_w + j_r) w_dot = u - offset - (b w + (c + s exp(-|w/v_s|)) sgn(w))
+    (j_w + j_r) w_dot = u - offset - (b w + (c + s exp(-|w/v_s|^delta)) sgn(w))
 
-Rows at the supply's speed limit are left out as gaps, because the recorded torque does not act there. The exponent
-delta of the thesis is 1: a sweep passes the low speeds in a few tenths of a second, and does not separate it from s and
-v_s.
+Rows at the supply's speed limit are left out as gaps, because the recorded torque does not act there. A slow sweep
+passes the low speeds in a few tenths of a second: delta is then held at 1, and the errors include those of others.
 """
 
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from ballbot.fitting.uncertainty import correlation
 from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, record_of_rows
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import LEAST_ROWS
-from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
@@ -29,7 +28,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
 
 #: quantities that a sweep identifies of each wheel, and their symbols
-QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
+QUANTITIES = tuple(BY_NAME[name] for name in FRICTION if name != "rolling")
 NAMES = tuple(quantity.symbol for quantity in QUANTITIES)
 BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 #: largest root mean square lean of a body held still, without sensor noise [rad]; one that balances has half a degree
@@ -147,10 +146,10 @@ class DrivelineFit:
     """One driveline's friction."""
 
     wheel: int  #: from 1
-    values: Floats  #: (4,) b, c, s, v_s
-    standard_errors: Floats  #: (4,), NaN at a bound, and of v_s if s is zero
-    intervals: Floats  #: (4, 2) ends of the 95 % intervals; friction is not below zero
-    correlation: Floats  #: (4, 4), zero between those of which one has no standard error
+    values: Floats  #: (5,) b, c, s, v_s, delta
+    standard_errors: Floats  #: (5,), NaN at a bound, and of v_s if s is zero
+    intervals: Floats  #: (5, 2) ends of the 95 % intervals; friction is not below zero
+    correlation: Floats  #: (5, 5), zero between those of which one has no standard error
     predicted: Floats  #: (N,) speed [rad/s], each piece from its first; NaN where it is limited
     without: Floats  #: (N,) without friction, the speed clamped as in (3.2)
     rmse: float  #: of `predicted` [rad/s]
@@ -164,9 +163,9 @@ class DrivelineFit:
 
 
 def friction_of(values: Floats) -> Friction:
-    """Return the friction of one wheel by b, c, s, v_s (4,)."""
-    b, c, s, v_s = values.tolist()
-    return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
+    """Return the friction of one wheel by b, c, s, v_s, delta (5,)."""
+    names = (quantity.name for quantity in QUANTITIES)
+    return Axis(values=dict(zip(names, values.tolist(), strict=True))).law
 
 
 def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
@@ -177,12 +176,12 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     >>> from ballbot.simulation.driveline import simulate_driveline
     >>> t = 0.005 * np.arange(4000)
     >>> torque = np.sin(2.0 * np.pi * t / 20.0)
-    >>> line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.03, 0.7])))
+    >>> line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.03, 0.7, 1.0])))
     >>> motion = simulate_driveline(line, torque[:-1], sample_time=0.005)
     >>> speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
     >>> sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=angle)
     >>> np.round(fit_driveline(sweep).values, 3)  # b [N m s/rad], c and s [N m], v_s [rad/s]
-    array([0.012, 0.05 , 0.03 , 0.7  ])
+    array([0.012, 0.05 , 0.03 , 0.7  , 1.   ])
     """
     # the law of a robot file; a free wheel has no weight, and its ripple averages out over a sweep
     options = AxisOptions(law="stribeck", gravity=False, load_friction=False)
@@ -223,46 +222,47 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
 def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -> Robot:
     """Return the robot with the friction of its drivelines, with standard deviations and correlations.
 
-    `estimate` has b, c and s of each wheel, and v_s (3 n + 1), which is NaN if no wheel has s.
+    `estimate` has b, c and s of each wheel, v_s and delta (3 n + 2). These last two are NaN if no wheel has s; a delta
+    of 1 was held.
     """
-    own, known = robot.friction, bool(np.isfinite(estimate.values[-1]))
+    layout, own = Layout(wheel_count=robot.wheel_count), robot.friction
     empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)
 
     def robot_of(numbers: Floats) -> Robot:
-        b, c, s = (tuple(row) for row in numbers[:-1].reshape(3, -1).tolist())
-        v_s, delta = (float(numbers[-1]), 1.0) if known else (own.stribeck_speed, own.stribeck_exponent)
-        shape = {"stribeck_speed": v_s, "stribeck_exponent": delta}
-        return robot.replace(friction=replace(empty, viscous=b, coulomb=c, stribeck=s, **shape))
+        numbers = np.append(numbers, own.rolling)
+        known = np.where(np.isfinite(numbers), numbers, layout.nominal(robot))
+        return layout.robot_of(robot.replace(friction=empty), known)
 
     names = [f"friction.{quantity.name}" for quantity in QUANTITIES]
     moved = robot_of(estimate.values)
-    sources = {**moved.sources, **dict.fromkeys([*names, "friction.stribeck_exponent"], source)}
+    sources = {**moved.sources, **dict.fromkeys(names, source)}
+    if estimate.values[-1] == 1.0:
+        sources[names[-1]] = f"assumed: {estimate.source} does not tell it"
     return with_uncertainty(
         moved.annotated(sources=sources), robot_of, estimate.values, estimate.covariance, names=names
     )
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
-    """Return b, c and s of all wheels and the one v_s of a robot file, with their covariance.
+    """Return b, c and s of all wheels and the v_s and delta of a robot file, with their covariance.
 
-    v_s is the mean over the wheels that determine it. Its standard deviation is that of a single wheel's value, from
-    the errors of the mean and the scatter of the wheels.
+    The latter are means over the wheels that determine v_s. Their standard deviations are those of a single wheel's
+    value, from the errors of the mean and the scatter of the wheels, and at least from a single wheel's errors.
     """
     count = len(fits)
     faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
-    values, C = np.full(3 * count + 1, np.nan), np.zeros((3 * count + 1, 3 * count + 1))
+    values, C = np.zeros(3 * count + 2), np.zeros((3 * count + 2, 3 * count + 2))
     for number, fit in enumerate(fits):
-        # the wheel's b, c, s and its share in v_s
-        rows = [number, count + number, 2 * count + number]
-        T = np.zeros((3 * count + 1, 4))
-        T[rows, range(3)] = 1.0
-        T[-1, 3] = faded[number] / max(faded.sum(), 1)
+        # the wheel's b, c, s and its share in v_s and delta
+        T = np.zeros((3 * count + 2, 5))
+        T[[number, count + number, 2 * count + number], range(3)] = 1.0
+        T[[-2, -1], [3, 4]] = faded[number] / max(faded.sum(), 1)
         errors = np.nan_to_num(fit.standard_errors)
         C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
-        values[rows] = fit.values[:3]
-    speeds = np.array([fit.values[3] for fit in fits])[faded]
-    if len(speeds):
-        values[-1] = speeds.mean()
-        C[-1, -1] += np.var(speeds, ddof=1) if len(speeds) > 1 else 0.0
-    labels = (*(f"{symbol}{fit.wheel}" for symbol in ("b", "c", "s") for fit in fits), "v_s")
-    return StageEstimate("the sweep", labels, values, C)
+        values += T @ fit.values
+    rows = np.array([[fit.values[3:], fit.standard_errors[3:]] for fit in fits])[faded]
+    values[-2:] = rows[:, 0].mean(axis=0) if len(rows) else np.nan
+    if len(rows):
+        scatter = np.var(rows[:, 0], axis=0, ddof=1) if len(rows) > 1 else 0.0
+        C[[-2, -1], [-2, -1]] = np.maximum(C.diagonal()[-2:] + scatter, np.mean(rows[:, 1] ** 2, axis=0))
+    return StageEstimate("the sweep", Layout(wheel_count=count).labels[:-1], values, C)

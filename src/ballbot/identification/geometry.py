@@ -25,7 +25,7 @@ Standard errors do not include the few tenths of a percent by which rollers slip
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -105,26 +105,25 @@ def mocap_run(log: Log, mocap: Log, *, accept: Collection[str] = ()) -> MocapRun
     positions are in another unit or frame (`frame_findings`) and the code of that is not accepted.
     """
     log.require(*GYRO_NAMES)
-    poses = read_poses(mocap)
-    seen = poses.seen & np.isfinite(poses.places).all(axis=1)
-    if seen.sum() < 10:
+    seen = read_poses(mocap)
+    placed = np.asarray(np.isfinite(seen.places).all(axis=1))
+    if placed.sum() < 10:
         raise InputError(
             "The motion capture has no poses; it needs the columns x, y, z and the unit quaternion qw, qx, qy, qz."
         )
-    # a missing pose repeats the last one, so that nothing moves
-    last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
-    positions, rotations = poses.places[last], Rotation.from_quat(poses.rotations.as_quat()[last])
-    axis = rotations.apply([0.0, 0.0, 1.0])
-    up = np.median(axis[seen], axis=0)
+    poses = seen.of_rows(placed)
+    axis = poses.rotations.apply([0.0, 0.0, 1.0])
+    up = np.median(axis, axis=0)
     up /= np.linalg.norm(up)
-    usable = seen & (axis @ up > np.cos(LARGEST_LEAN))
-    upright = poses_turning(replace(poses, seen=usable).seen_only())
-    motion, _ = match_turning(log_turning(log), upright, least_share=_LEAST_SHARE)
-    stop_on_errors(frame_findings(log, poses_on_rows(log, poses.seen_only(), motion), motion), accept=accept)
+    upright = poses.of_rows(axis @ up > np.cos(LARGEST_LEAN))
+    turning, rotations = poses_turning(upright), upright.rotations
+    motion, _ = match_turning(log_turning(log), turning, least_share=_LEAST_SHARE)
+    stop_on_errors(frame_findings(log, poses_on_rows(log, seen, motion), motion), accept=accept)
     turns = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
     middle = (rotations[:-1] * Rotation.from_rotvec(0.5 * turns)).inv()
-    rolls = np.cross(middle.apply(up), middle.apply(np.diff(positions, axis=0)))
-    return MocapRun(log=log, rolling=Turning.of(mocap.t, rolls, usable[1:] & usable[:-1]), motion=motion)
+    rolls = np.cross(middle.apply(up), middle.apply(np.diff(upright.places, axis=0)))
+    known = np.diff(turning.missing) == 0.0
+    return MocapRun(log=log, rolling=Turning.of(upright.t, rolls, known), motion=motion)
 
 
 #: largest error of a radius, as a share, and of an angle [rad] by slip, deformation and rollers: 0.42 % and 0.25

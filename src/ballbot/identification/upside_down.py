@@ -3,16 +3,18 @@
 Contact forces act on both wheels and ball, so whatever slips between them, the momentum of ball and drivelines changes
 by the torques of the motors and the friction only:
 
-    d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
+    d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w)) - B Omega
+    tau = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
 
-w is measured by the encoders, or A Omega in a log without them. Residuals are those of the integrated equation over
-pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a
-function of speed; the directions in which it acts are then left out. So are rows at the limit of speed or torque, where
-the logged torque does not act. The exponent delta of the thesis is 1, as for the sweep
-(`ballbot.identification.driveline`): a log of a minute does not determine it.
+w is measured by the encoders, or A Omega in a log without them. B is a loss where rollers touch the ball, as of two
+that touch it at once. A robot file has no such friction, and without it b would be too large. Residuals are those of
+the integrated equation over pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is uncertain, and
+its friction is not a function of speed; the directions in which it acts are then left out. So are rows at the limit of
+speed or torque, where the logged torque does not act. delta is 1 unless held-out windows support another; the errors
+then include those of other deltas.
 
-Standard errors are clustered by window and widened by `WIDENED`. Held-out windows validate the friction: the ball is
-simulated with and without it, from the mean of the samples around a window's first row.
+Standard errors are clustered by window. Held-out windows validate the friction: the ball is simulated with and without
+it, from the mean of the samples around a window's first row.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +26,14 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
-from ballbot.fitting.fit import fit
+from ballbot.fitting.fit import fit, released
+from ballbot.fitting.parameter import FitParameter
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import discrepancy
-from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
+from ballbot.identification.axis.identify import DELTA_DEVIATION, DELTA_HELD
+from ballbot.identification.driveline import BALL_NAMES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
+from ballbot.identification.quantities import Bounds, scale_between
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
@@ -38,6 +43,7 @@ from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_nam
 from ballbot.mechanics.friction import stribeck_curve
 from ballbot.progress import Progress
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.rounding import plus_minus
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Reported
 
@@ -47,17 +53,15 @@ NEIGHBOURS = 4
 SMOOTHED = 2
 #: length of the pieces that the residuals are integrals over [s]
 PIECE = 0.05
-#: least speed of a wheel that counts [rad/s]
-SLOW = 0.1
+#: least speed of a wheel that counts [rad/s]; below, an encoder's wheel and the ball are apart while play is crossed
+SLOW = 0.2
 #: above this share of the supply's speed limit, the logged torque does not act
 AT_LIMIT = 0.95
 #: v_s is between these speeds [rad/s]
 SHAPES = (0.05, 5.0)
+_SHAPE = ("stribeck_speed", "stribeck_exponent")
 #: Student's quantile for 95 % with the least number of windows
 QUANTILE = 2.1
-#: factor on clustered standard errors, with which 95 % of the intervals from twins with the seeds 101 to 110 contain
-#: the true b and c; `python -m campaigns.evidence upside_down` checks others
-WIDENED = 2.0
 
 
 class _BallLog:
@@ -98,10 +102,10 @@ def encoder_speeds(log: Log, count: int) -> list[Floats]:
     return [np.concatenate([missing, slope, missing]) for slope in slopes]
 
 
-def predicted_velocity(windows: Windows, robot: Robot, friction: Friction) -> Floats:
+def predicted_velocity(windows: Windows, ball: ClampedBall, friction: Friction) -> Floats:
     """Return the ball's predicted Omega (w, m, 3) [rad/s] with a friction."""
     return simulate_balls(
-        ClampedBall.of_robot(robot),
+        ball,
         friction=friction,
         initial=windows.initial,
         torques=windows.torques,
@@ -158,11 +162,12 @@ def momentum_balance(
     pieces, begins, largest = [], list[tuple[int, float]](), 0.0
     for number, log in enumerate(logs):
         seen = _BallLog(robot, log)
-        w = _averaged(seen.wheel_speeds)
+        w, omega, u = map(_averaged, (seen.wheel_speeds, seen.omega, seen.torques))
         valid = seen.valid & np.isfinite(w).all(axis=1)
         largest = max(largest, float(np.abs(seen.torques[valid]).max(initial=0.0)))
-        momentum = _averaged(seen.omega) @ J + w @ A @ of_wheels
-        impulse = h * _averaged(seen.torques) @ A
+        momentum = omega @ J + w @ A @ of_wheels
+        between, turned = (0.5 * (of[:-1] + of[1:]) for of in (w, omega))
+        impulse = h * u @ A
         for start in seen.tiles(samples):
             begin = (number, float(log.t[start]))
             for k in range(start, start + samples - length + 1, length) if begin not in skipped else ():
@@ -175,36 +180,36 @@ def momentum_balance(
                 # onto the directions in which only wheels act that turn throughout the piece
                 projector = np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning]
                 change = momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0)
-                speeds = 0.5 * (w[k : k + length] + w[k + 1 : k + length + 1])
-                pieces.append((projector, projector @ change, speeds, len(begins) - 1))
-    columns = zip(*pieces, strict=True) if pieces else np.empty((4, 0))
-    projector, change, speeds, window = (np.array(column) for column in columns)
-    speeds, window = speeds.reshape(-1, length, n), window.astype(np.int64)
-
-    def impulses(v_s: float) -> Floats:
-        """Return the impulse (3 m, 4 n) of b, c and s of each wheel, each 1, and the derivative of that of s by v_s."""
-        signs, fading = np.sign(speeds), stribeck_curve(0.0, 1.0, speeds / v_s, 1.0)
-        parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
-        sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
-        return (projector @ np.concatenate(sums, axis=2)).reshape(change.size, -1)
+                piece = between[k : k + length], turned[k : k + length].sum(axis=0)
+                pieces.append((projector, projector @ change, *piece, len(begins) - 1))
+    columns = zip(*pieces, strict=True) if pieces else np.empty((5, 0))
+    projector, change, speeds, turned, window = (np.array(column) for column in columns)
+    speeds = speeds.reshape(-1, length, n)
+    # all but v_s and delta
+    linear = np.append(np.ones(3 * n), [0.0, 0.0, 1.0])
 
     def derivatives(values: Floats) -> Floats:
-        X = impulses(values[-1])
-        return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
+        """Return the derivatives (3 m, p) of the impulse of friction by the parameters."""
+        v_s, delta = values[-3:-1].tolist()
+        ratio = np.maximum(np.abs(speeds) / v_s, np.finfo(float).tiny)
+        fading = np.sign(speeds) * stribeck_curve(0.0, 1.0, ratio, delta)
+        of_wheels = [part.sum(axis=1)[:, None, :] * A.T for part in (speeds, np.sign(speeds), fading)]
+        shape = fading * ratio**delta * values[2 * n : 3 * n]
+        of_all = [(shape * factor).sum(axis=1) @ A for factor in (delta / v_s, -np.log(ratio))]
+        X = h * projector @ np.concatenate([*of_wheels, np.stack([*of_all, turned], axis=2)], axis=2)
+        return X.reshape(change.size, -1)
 
     # friction is below the largest torque, and so is its viscous part at the usual speed
-    usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
-    amounts = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
-    parameters = [
-        quantity.parameter(label, amounts.get(quantity.name, SHAPES), float(quantity.name not in amounts))
-        for quantity in QUANTITIES
-        for label in quantity.labels(n)
-    ]
+    most = largest / float(np.sqrt(np.mean(speeds**2))) if speeds.size else largest
+    dry = (0.0, largest)
+    bounds = Bounds({"viscous": (0.0, most), "coulomb": dry, "stribeck": dry, "stribeck_speed": SHAPES})
+    drivelines = scale_between(robot.replace(friction=Friction.none(n)), free=_SHAPE[1:], bounds=bounds)
+    B = FitParameter.about("B", 0.0, "N m s/rad", within=most)  # signed: a bound has no standard error
     return residuals_without_states(
-        lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
-        parameters=parameters,
-        dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
-        block=np.repeat(window, 3),
+        lambda values: change.ravel() + derivatives(values) @ (linear * values),
+        parameters=(*drivelines.parameters[:-1], B),
+        dependences=(Dependence(through="stribeck", dependent=_SHAPE),),
+        block=np.repeat(window.astype(np.int64), 3),
         block_log=np.array([number for number, _ in begins], dtype=np.int64),
         derivatives_of=derivatives,
     )
@@ -212,13 +217,14 @@ def momentum_balance(
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class UpsideDown(Reported):
-    """Friction without the robot's weight on the ball, p = 3 n + 1 parameters; `plot()` shows it over speed."""
+    """Friction without the robot's weight on the ball, p = 3 n + 2 parameters; `plot()` shows it over speed."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     described: Robot  #: as its file describes it
+    models: Mapping[str, tuple[ClampedBall, Friction]]  #: that predict: "found", "robot file", "none"
     verdict: Verdict  #: whether the friction is usable
-    estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
-    held_out: Mapping[str, Floats]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
+    estimate: StageEstimate  #: b, c and s of each wheel, v_s and delta (p,); errors clustered by window
+    held_out: Mapping[str, Floats]  #: RMSE (3,) [rad/s] of `models`
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of a window [s]
@@ -226,7 +232,7 @@ class UpsideDown(Reported):
 
     @property
     def parameters(self) -> ParameterTable:
-        """{b: [..], c: [..], s: [..], v_s}, SI units; v_s is NaN if no wheel has s."""
+        """{b: [..], c: [..], s: [..], v_s, delta}, SI units; the last two are NaN if no wheel has s."""
         return _by_symbol(self.estimate.values)
 
     @property
@@ -244,8 +250,8 @@ class UpsideDown(Reported):
 
 
 def _by_symbol(numbers: Floats) -> dict[str, list[float] | float]:
-    b, c, s = numbers[:-1].reshape(3, -1).tolist()
-    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-1])}
+    b, c, s = numbers[:-2].reshape(3, -1).tolist()
+    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-2]), "delta": float(numbers[-1])}
 
 
 def identify_upside_down(
@@ -256,7 +262,7 @@ def identify_upside_down(
     held_out: float = 0.25,
     run: Run = DEFAULT_RUN,
 ) -> UpsideDown:
-    """Identify b, c, s of each wheel and v_s from the robot clamped upside down.
+    """Identify b, c, s of each wheel, v_s and delta from the robot clamped upside down.
 
     InputError if the logs do not determine the parameters, or an option is invalid.
 
@@ -299,6 +305,7 @@ def identify_upside_down(
     experiment = momentum_balance(robot, everything, duration=window, without=kept.spans)
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
+    # delta may be held, and B is no result
     fitted, count = len(experiment.block_log), 3 * n + 1
     if fitted < WINDOWS_PER_PARAMETER * count:
         raise InputError(
@@ -306,16 +313,17 @@ def identify_upside_down(
             f"{WINDOWS_PER_PARAMETER * count}. Use larger torques, log for longer, or choose a shorter window."
         )
     run.progress(Progress(stage="fit", done=0, total=2))
-    own, findings = _estimated(experiment, seed=run.seed)
+    own, loss, findings = _estimated(experiment, seed=run.seed)
     source = "a log" if len(named) == 1 else f"{len(named)} logs"
     identified = robot_with_friction(robot, own, source=f"identified: {source} upside down")
     run.progress(Progress(stage="prediction", done=1, total=2))
-    frictions = {"found": identified.friction, "robot file": robot.friction, "none": Friction.none(n)}
-    if robot.friction == frictions["none"]:
-        del frictions["robot file"]
+    ball, none = ClampedBall.of_robot(robot), Friction.none(n)
+    models = {"found": (replace(ball, loss=loss), identified.friction)}
+    models |= {"robot file": (ball, robot.friction)} if robot.friction != none else {}
+    models |= {"none": (ball, none)}
     squares = {
-        name: ((predicted_velocity(kept, robot, friction) - kept.measured) ** 2).mean(axis=1)
-        for name, friction in frictions.items()
+        name: ((predicted_velocity(kept, *model) - kept.measured) ** 2).mean(axis=1)
+        for name, model in models.items()
     }
     verdict = verdict_of(squares["found"], squares["none"], kept.spans)
     if not verdict.usable and not np.any(own.values[: 2 * n] > QUANTILE * own.errors[: 2 * n]):
@@ -323,6 +331,7 @@ def identify_upside_down(
     return UpsideDown(
         robot=identified,
         described=robot,
+        models=models,
         verdict=verdict,
         estimate=own,
         held_out={name: np.sqrt(square.mean(axis=0)) for name, square in squares.items()},
@@ -333,26 +342,31 @@ def identify_upside_down(
     )
 
 
-def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
-    """Return the friction with its covariance, and findings on what the logs do not show or disagree on."""
+def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, float, list[Finding]]:
+    """Return the friction with its covariance, B, and findings on what the logs do not show or disagree on."""
     space, findings = experiment.coordinates, list[Finding]()
+    held = replace(experiment, coordinates=space.holding("stribeck_exponent"))
     # v_s may have several minima
-    slow, fast = (space.scaled(np.append(0.1 * space.upper[:-1], v_s)) for v_s in (0.3, 1.0))
-    result = fit(experiment, slow, also=fast)
-    values = result.values
-    if not result.estimated[-1]:
+    slow, fast = (
+        held.coordinates.scaled(np.append(0.1 * space.upper[:-3], [v_s, 1.0, 0.0])) for v_s in (0.3, 1.0)
+    )
+    result = fit(held, slow, also=fast)
+    if result.estimated[-3]:
+        result = released(result, experiment, "stribeck_exponent", deviation=DELTA_DEVIATION)
+        findings += [DELTA_HELD] if result.moved is not None else []
+    else:
         text = "Break-away friction above c does not lower the error beyond chance; s is held at 0."
         findings.append(note("no-breakaway", text))
-        held = [
-            replace(own, bounds=(own.default, own.default)) if own.name.startswith("stribeck") else own
-            for own in space.parameters
-        ]
-        experiment = replace(experiment, coordinates=replace(space, parameters=tuple(held)))
-        result = fit(experiment, experiment.coordinates.scaled(values))
-        values = np.append(result.values[:-1], np.nan)
+        held = replace(experiment, coordinates=space.holding("stribeck", *_SHAPE))
+        result = fit(held, held.coordinates.scaled(result.values))
     apart = discrepancy(result.finished.equations, experiment.block_log, result.estimated, seed=seed)
     if apart.significant:
         text = "The logs disagree on the friction by more than chance; errors are wider."
         findings.append(warning("logs-differ", text))
-    covariance = (WIDENED * apart.factor) ** 2 * result.covariance
-    return StageEstimate("the logs upside down", space.labels, values, covariance), findings
+    values, covariance = result.values, apart.factor**2 * result.covariance
+    values[-3:-1] = np.where(result.estimated[-3], values[-3:-1], np.nan)
+    lost = plus_minus(values[-1], covariance[-1, -1] ** 0.5)
+    text = f"Where wheels touch the ball, it loses {lost} N m s/rad. A robot file has no such loss; b is without it."
+    findings.append(note("contacts", text))
+    own = StageEstimate("the logs upside down", space.labels[:-1], values[:-1], covariance[:-1, :-1])
+    return own, float(values[-1]), findings

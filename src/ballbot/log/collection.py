@@ -71,10 +71,6 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     return logs
 
 
-#: message of a command without a log
-NO_LOG = "No log is given. Name one or more log files after the robot."
-
-
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
@@ -82,7 +78,7 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     InputError if no log is given, or one is named twice.
     """
     if not paths:
-        raise InputError(NO_LOG)
+        raise InputError("No log is given. Name one or more log files after the robot.")
     whole = [path.resolve() for path in paths]
     for number, path in enumerate(paths):
         if whole[number] in whole[:number]:

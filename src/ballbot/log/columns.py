@@ -202,12 +202,14 @@ def unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
 _BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
 
-def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) -> float:
-    """Return the factor that turns a value in `given` into one in Ballbot's `unit`, a key of `FACTORS`.
+def factor_to(unit: str | None, given: str | None, *, counts_per_turn: float | None = None) -> float:
+    """Return the factor that turns a value in `given` into one in Ballbot's `unit`, a key of `FACTORS`; 1 without both.
 
     Angles and rates may be "counts" and "counts/s" of an encoder with so many `counts_per_turn` of the wheel, gear
     included. InputError if the unit is not one of that kind, or counts come without `counts_per_turn`.
     """
+    if unit is None or given is None:
+        return 1.0
     units = FACTORS[unit]
     if given in units:
         return units[given]

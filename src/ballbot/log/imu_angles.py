@@ -74,8 +74,11 @@ def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0, sequence: AngleSeq
 
 
 def integral_of(rows: Floats, rate: Floats) -> Floats:
-    """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
-    return np.asarray(cumulative_trapezoid(np.nan_to_num(rate), rows, initial=0.0), np.float64)
+    """Return the integral (N,) of a rate over times (N,) from its first known value; what is missing stays so."""
+    known, integral = np.isfinite(rate), np.full(len(rate), np.nan)
+    if known.any():
+        integral[known] = cumulative_trapezoid(rate[known], rows[known], initial=0.0)
+    return integral
 
 
 def body_motion(
@@ -93,7 +96,7 @@ def body_motion(
     if len(imu) > 2:
         yaw = imu[2]
     elif gyro is not None:
-        yaw = integral_of(t, gyro[:, 2])
+        yaw = integral_of(t, np.nan_to_num(gyro[:, 2]))
     else:
         yaw = np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
     angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, yaw]), turn=turn, sequence=sequence)

@@ -78,7 +78,7 @@ filled, rows in longer ones have no value.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -91,7 +91,7 @@ from ballbot.arrays import Floats, rows_between
 from ballbot.errors import InputError, about, check_known, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
-from ballbot.findings import Finding, Place, note
+from ballbot.findings import Finding, note, warning
 from ballbot.log.columns import (
     ATTITUDE_NAMES,
     KNOWN_NAMES,
@@ -321,7 +321,8 @@ class LogMapping:
         sources = {}
         for name, entry in self.columns.items():
             if entry.source is not None:
-                unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
+                with about(f"[columns] {name}"):
+                    unit = factor_to(unit_of(name), entry.unit, counts_per_turn=entry.counts_per_turn)
                 factor, offset = entry.sign * entry.scale * unit, entry.offset
                 sources[name] = Source(column=entry.source, factor=factor, offset=offset, delay=entry.delay)
         for key, of, kind in (("angle", wheel_angle_names, "rad"), ("speed", wheel_speed_names, "rad/s")):
@@ -395,20 +396,12 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
     return mapping
 
 
-def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
-    """Return a warning for each mapping file of duties that does not state the firmware's dead band."""
-    findings = []
-    for mapping in filter(None, mappings):
-        drive = read_mapping(mapping).input
-        if isinstance(drive, DutyTable) and drive.dead_band is None:
-            sentence = (
-                "The commands are duties, and no dead band is stated: friction identified from this log is less by the "
-                "duty that the firmware adds, and holds for logs that are read the same way. For the wheels' own "
-                "friction state dead_band in [input], 0 if the firmware adds none."
-            )
-            where = Place(file=str(mapping))
-            findings.append(Finding(code="dead-band", severity="warning", text=sentence, where=where))
-    return tuple(findings)
+#: finding on a mapping of duties without a dead band
+_NO_DEAD_BAND = (
+    "The commands are duties, and no dead band is stated: friction identified from this log is less by the duty that "
+    "the firmware adds, and holds for logs that are read the same way. For the wheels' own friction state dead_band in "
+    "[input] of the mapping, 0 if the firmware adds none."
+)
 
 
 def _contradictions(mapping: LogMapping) -> Iterator[str]:
@@ -458,15 +451,7 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
 
 
 #: Ballbot's unit, the file's, which may be one for each column, and an encoder's counts in one turn
-_Unit = tuple[str | None, str | tuple[str, ...] | None, float | None]
-
-
-def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: float | None) -> float:
-    """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
-    if given is None or unit is None:
-        return 1.0
-    with about(where):
-        return factor_to(unit, given, counts_per_turn=counts_per_turn)
+_Unit = tuple[str, str | tuple[str, ...] | None, float | None]
 
 
 def _series(
@@ -497,7 +482,8 @@ def _series(
     directions, sources = each("direction", direction), {}
     for name, number in zip(names, order, strict=False):
         k = number - 1
-        factor = signs[k] * table.scale * _factor(where, unit[0], units[k], unit[2])
+        with about(where):
+            factor = signs[k] * table.scale * factor_to(unit[0], units[k], counts_per_turn=unit[2])
         source = Source(column=table.sources[k], factor=factor, offset=-zeros[k] * factor, delay=table.delay)
         sources[name] = replace(source, direction=directions[k])
     return sources
@@ -517,12 +503,14 @@ def apply_mapping(
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    `changes` gets a finding for each row or column that is omitted or continued. InputError if the file lacks a column
-    that the mapping names, its time does not increase, no row is left, or torques come from duties without the `robot`
-    that has the motors' resistance.
+    `changes` gets a finding for each row or column that is omitted or continued, and on a dead band that is not stated.
+    InputError if the file lacks a column that the mapping names, its time does not increase, no row is left, or torques
+    come from duties without the `robot` that has the motors' resistance.
     """
     resistance = motor_resistance(mapping, robot)
     changes, notes = [] if changes is None else changes, list[str]()
+    if isinstance(mapping.input, DutyTable) and mapping.input.dead_band is None:
+        changes.append(warning("dead-band", _NO_DEAD_BAND, *mapping.commands))
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
     # zero may be a command, a force, or a speed by counts
@@ -619,8 +607,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     if angle.largest_speed is not None:
         raw |= {name: without_resets(t, raw[name], angle.largest_speed) for name in wheels}
     for name, origin in mapping.integrals.items():
-        speed = without_holes(t, raw[origin])
-        raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
+        raw[name] = integral_of(t, without_holes(t, raw[origin]))
     raw |= {name: within_half_a_turn(raw[name], math.pi) for name in IMU_NAMES[:2] if name in raw}
     if attitude is not None and attitude.upside_down:
         raw["roll"] = within_half_a_turn(raw["roll"] - math.pi, math.pi)

@@ -5,16 +5,14 @@ lean Theta = theta + j phi in the body's frame and wheel speeds w_i at azimuths 
 
     Theta_ddot = kappa Theta + gamma W_dot + rho W/|W| + offset,        W = sum_i w_i e^{j beta_i}
 
-    gamma = b / ((a + b) (n/2) (r_b / r_w) cos alpha),      kappa = m_r g l / (a + b)
+    gamma = r_w / ((n/2) (r_b + C) cos alpha),      kappa = Lambda / (r_b + C)
 
-    b = r_b (r_b M_11 + M_21),   a = r_b M_12 + M_22,   M the mass matrix of (x, phi) at rest
-
-rho is the ball's rolling friction, which acts from outside. kappa is the robot's: in a log of small leans it is hardly
-seen, and a free one takes from gamma. gamma is real and positive, so the angle of the one estimated from a log is by
-how much the wheels are turned against the IMU, and a log that follows the conjugate of W has its wheels numbered in the
-opposite direction, or an IMU with one axis reversed. Every order of the wheels and every choice of their signs is
-fitted. A wrong one shows twice: it explains the lean's acceleration less well, and it leaves motion of the wheels that
-is neither lean nor heading.
+with C and Lambda of `mechanics.model.contact_momentum`. rho is the ball's rolling friction, which acts from outside.
+kappa is the robot's: in a log of small leans it is hardly seen, and a free one takes from gamma. gamma is real and
+positive, so the angle of the one estimated from a log is by how much the wheels are turned against the IMU, and a log
+that follows the conjugate of W has its wheels numbered in the opposite direction, or an IMU with one axis reversed.
+Every order of the wheels and every choice of their signs is fitted. A wrong one shows twice: it explains the lean's
+acceleration less well, and it leaves motion of the wheels that is neither lean nor heading.
 
 Which IMU axis is reversed shows only while the heading turns. In the frame of the IMU a derivative is D = d/dt + j
 sigma psi_dot, with sigma = 1 if yaw and lean have the same handedness and -1 if not:
@@ -60,7 +58,6 @@ from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
-    SCALED,
     TINY,
     advantage_confidence,
     behind,
@@ -72,6 +69,7 @@ from ballbot.log.evidence import (
 )
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.log.torque_balance import Complex, block_sums, clarity
+from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
@@ -157,11 +155,6 @@ class HeadingTest:
     gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
 
-    @property
-    def turning(self) -> float | None:
-        """The gain; None if the wheels do not plainly follow the heading."""
-        return self.gain if abs(self.correlation) > SCALED and self.confidence >= CONFIDENT else None
-
 
 @dataclass(frozen=True, kw_only=True)
 class LeanTest:
@@ -203,15 +196,10 @@ class LeanTest:
 
 def torque_free_gains(robot: Robot) -> tuple[float, float]:
     """Return kappa [1/s^2] and gamma [-] of the module's text."""
-    from ballbot.mechanics.model import Model
-
-    M = Model(robot).mass_matrix(np.zeros(5))
-    r_b, body = robot.ball.radius, robot.body
-    b = r_b * (r_b * M[0, 0] + M[3, 0])
-    a = r_b * M[0, 3] + M[3, 3]
-    wheels = 0.5 * robot.wheel_count * r_b / robot.wheels.radius * np.cos(robot.wheels.tilt)
-    kappa = body.mass * robot.gravity * body.center_of_mass / (a + b)
-    return float(kappa), float(b / ((a + b) * wheels))
+    law, wheels = contact_momentum(robot), robot.wheels
+    arm = float(robot.ball.radius + law.lever[0, 1])
+    gamma = wheels.radius / (0.5 * robot.wheel_count * arm * math.cos(wheels.tilt))
+    return float(law.pull[0, 0]) / arm, gamma
 
 
 def lean_test(

@@ -13,7 +13,7 @@ qw qx qy qz of a body, with NaN while the cameras do not see it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError, about
-from ballbot.findings import Finding
-from ballbot.log.clock import clock_unit
+from ballbot.log.clock import clock_findings, clock_unit
 from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, unit_of, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_foreign_table
+from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import body_motion, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import ColumnTable, LogMapping, apply_mapping
+from ballbot.log.mapping import ColumnTable, LogMapping
 from ballbot.log.mapping_search.names import marked_series, quaternions, roles_by_name, stated_unit
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -217,27 +217,31 @@ _LEAST_POSES = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Poses:
-    """Poses measured by motion capture, in its frame and on its clock."""
+    """Poses measured by motion capture, in its frame and on its clock; a gap in time where the body was not seen."""
 
     t: Floats  #: (M,) [s]
-    rotations: Rotation  #: M of them, body to cameras; the last known one while unseen
-    seen: Bools  #: (M,), whether the orientation was measured
+    rotations: Rotation  #: M of them, body to cameras
     places: Floats  #: (M, 3) [m]; NaN if not measured
 
-    def seen_only(self) -> Poses:
-        """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""
-        seen, rotations = self.seen, Rotation.from_quat(self.rotations.as_quat()[self.seen])
-        return Poses(t=self.t[seen], rotations=rotations, seen=seen[seen], places=self.places[seen])
+    def of_rows(self, kept: Bools) -> Poses:
+        """Return some of the poses."""
+        rotations = Rotation.from_quat(self.rotations.as_quat()[kept])
+        return Poses(t=self.t[kept], rotations=rotations, places=self.places[kept])
 
 
 def read_motion_capture(path: Path, mapping: Path | None = None) -> Log:
     """Read a log of motion capture, or a program's export: a time, and columns of one body that end in W, X, Y, Z.
 
-    An export is read by the mapping that its names make. InputError if it is neither, or has several bodies.
+    An export is read by the mapping that its names make. A clock in another unit is an error in the log's `changes`.
+    InputError if it is neither, or has several bodies.
     """
     table = None if mapping else read_foreign_table(path)
-    if table is None or "t" in table.columns:
-        return Log.read(path, mapping=mapping)
+    by = mapping if table is None or "t" in table.columns else _mapping_of_export(path, table)
+    mocap = Log.read(path, mapping=by)
+    return replace(mocap, changes=(*mocap.changes, *clock_findings(mocap.t, "--mocap-mapping")))
+
+
+def _mapping_of_export(path: Path, table: ForeignTable) -> LogMapping:
     columns, roles = table.columns, roles_by_name([*table.columns], wheel_count=0, units=table.units)
     bodies = quaternions(columns)
     if not roles.time or len(bodies) != 1:
@@ -247,15 +251,13 @@ def read_motion_capture(path: Path, mapping: Path | None = None) -> Log:
         )
     places = next((one for one in marked_series(columns, "xyz") if not {*one} & {*bodies[0]}), ())
     named = zip(QUATERNION_NAMES + PLACE_NAMES, bodies[0] + places, strict=False)
+    entries = {
+        own: ColumnTable(source=name, unit=unit_of(own) and stated_unit(name, table.units))
+        for own, name in named
+    }
     with about(path):
-        unit = clock_unit(columns[roles.time], roles.time, roles.unit((roles.time,)))
-        entries = {
-            own: ColumnTable(source=name, unit=unit_of(own) and stated_unit(name, table.units))
-            for own, name in named
-        }
-        by = LogMapping(columns={"t": ColumnTable(source=roles.time, unit=unit.name), **entries})
-        changes = list[Finding]()
-        return Log(apply_mapping(by, columns, changes=changes), changes=tuple(changes))
+        unit = clock_unit(columns[roles.time], roles.time, roles.unit((roles.time,))).name
+    return LogMapping(file=table.layout, columns={"t": ColumnTable(source=roles.time, unit=unit), **entries})
 
 
 def read_poses(mocap: Log) -> Poses:
@@ -267,9 +269,8 @@ def read_poses(mocap: Log) -> Poses:
     seen = np.isfinite(wxyz).all(axis=1) & (np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < _NORM_TOLERANCE)
     if seen.sum() < _LEAST_POSES:
         raise InputError("The motion capture has no poses; it needs unit quaternions in qw, qx, qy, qz.")
-    last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     placed = all(name in mocap for name in PLACE_NAMES)
     places = np.column_stack([mocap[n] for n in PLACE_NAMES]) if placed else np.full((len(seen), 3), np.nan)
     places[~np.isfinite(places).all(axis=1)] = np.nan
-    rotations = Rotation.from_quat(wxyz[last][:, [1, 2, 3, 0]])
-    return Poses(t=mocap.t, rotations=rotations, seen=seen, places=places)
+    rotations = Rotation.from_quat(wxyz[seen][:, [1, 2, 3, 0]])
+    return Poses(t=mocap.t[seen], rotations=rotations, places=places[seen])

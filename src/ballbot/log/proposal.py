@@ -84,9 +84,8 @@ OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "ro
 #: a likely dead band that is not stated, or another full scale, is asked for, or the first reported, if it changes the
 #: torques by these shares; of 19 logs with a band the torques are off by 0.7 to 1.1 of that
 LARGEST_BAND, NOTABLE_BAND = 0.18, 0.08
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 9): of a sine of fewer than 9
-#: rows a period neither the time at which a torque acts nor the back-EMF is known
-MOST_CHANGE = 0.234
+#: fewest rows a period of the torques: with fewer, neither the time at which a torque acts nor the back-EMF is known
+LEAST_ROWS = 10.0
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
@@ -166,11 +165,9 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     what = _what(base.roles, motion)
     looks = unread_columns(base.cut, roles)
     if looks:
-        alike = [
-            (look, [name for name in looks if looks[name] == look]) for look in dict.fromkeys(looks.values())
-        ]
-        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in alike)
-        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *looks))
+        listed = (f"{', '.join(names)}{f' ({look})' if look else ''}" for look, names in looks.items())
+        names = [name for alike in looks.values() for name in alike]
+        notes.append(note("unknown", f"Columns that are not read: {'; '.join(listed)}.", *names))
     if motion is None:
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
@@ -191,13 +188,11 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
-    inclined = () if roles.attitude else tuple(name for name, look in looks.items() if look in ATTITUDE_LOOKS)
-    if len(inclined) > 1:
-        evidence = f"they look like {looks[inclined[0]]}; name them by --columns if they are the lean"
-        asked = Question(
-            _LEAN_KEY, "what the log is", (f"with the lean in {', '.join(inclined)}", what), evidence
-        )
-        questions = (asked, *questions)
+    inclined = [] if roles.attitude else [look for look in ATTITUDE_LOOKS if len(looks.get(look, ())) > 1]
+    for look in inclined[:1]:
+        evidence = f"they look like {look}; name them by --columns if they are the lean"
+        answers = f"with the lean in {', '.join(looks[look])}", what
+        questions = (Question(_LEAN_KEY, "what the log is", answers, evidence), *questions)
     return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 
@@ -339,7 +334,8 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
             for kind, (_, times) in drive.ratios.items()
             if math.isfinite(times)
         )
-        yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
+        shown = f"state it with --command{shown and f'; {shown}'}"
+        yield Question("[input] kind", "kind of the command", KINDS, shown)
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
         known = zip(drive.scales, drive.misfits, strict=True)
@@ -440,22 +436,8 @@ def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -
     yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
-def surest(evaluated: Sequence[Proposal]) -> Proposal:
-    """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-    margins = [proposal.tested.margin if proposal.tested else 0.0 for proposal in evaluated]
-    doubts = [len(proposal.questions) + bool(proposal.refusal) for proposal in evaluated]
-    return evaluated[min(range(len(evaluated)), key=lambda k: (doubts[k], -margins[k]))]
-
-
-def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
-    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
-
-    `common`, the surest of several logs of the same robot, gives the mapping, but for this log's own times.
-    """
-    if common is not None:
-        base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
-        answers = replace(proposal, frame=common.frame, drive=common.drive, questions=common.questions)
-        proposal = replace(answers, base=base, keep=None)
+def evaluate(proposal: Proposal) -> Proposal:
+    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot."""
     robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
     drive = None
     if not refusal:
@@ -511,16 +493,21 @@ def _unstated(proposal: Proposal, log: Log, drive: DutyTable) -> tuple[list[Ques
 
 
 def _too_coarse(log: Log) -> str:
-    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
-    u = log.torques if "u1" in log else np.zeros((2, 1))
-    power, change = 2.0 * float(np.var(u, axis=0).sum()), np.diff(u, axis=0)
-    usual = np.clip(change, *np.quantile(change, (0.01, 0.99), axis=0))  # a few at full duty say nothing
-    share = float(np.var(usual, axis=0).sum()) / power if power > 0.0 else 0.0
-    if share <= MOST_CHANGE:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not.
+
+    The period is that of a sine with the torques' covariances over one and two rows: noise that differs from row to
+    row has none.
+    """
+    u = log.torques - log.torques.mean(axis=0) if "u1" in log else np.zeros((3, 1))
+    once, twice = (float(np.vdot(u[k:], u[:-k])) for k in (1, 2))
+    ratio = twice / once if once > 0.0 else 1.0
+    cosine = 0.25 * (ratio + math.sqrt(ratio * ratio + 8.0))  # of a row's part of the period
+    if cosine >= math.cos(2.0 * math.pi / LEAST_ROWS):
         return ""
+    rows = 2.0 * math.pi / math.acos(cosine)
     return (
-        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
-        "ms apart, which is too coarse to show when they act. Log every control period."
+        f"the torques have a row every {1e3 * log.sample_time:.3g} ms, {rows:.2g} a period, which are too few to show "
+        "when they act. Log every control period."
     )
 
 
@@ -670,7 +657,7 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
 
 
 def _input_lines(proposal: Proposal) -> list[str]:
-    names, drive, order, robot = proposal.roles.commands, proposal.drive, proposal.frame.order, proposal.robot
+    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
     if not names:
         return []
     columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
@@ -680,15 +667,9 @@ def _input_lines(proposal: Proposal) -> list[str]:
         evidence = f"the motion explains {100.0 * drive.assigned.explained:.0f} % of them, {better}"
         for j, (wheel, sign) in enumerate(zip(drive.assigned.wheels, drive.assigned.signs, strict=True)):
             columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], sign
-    kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else ("torque", 1.0, math.nan)
+    kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else (None, 1.0, math.nan)
     known = f"{ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-    band = next((question.answers[0] for question in proposal.questions if question.key == _BAND_KEY), None)
-    lines = _kind_lines(kind or "torque", scale, robot, known, band=band)
-    if drive and kind is None:
-        lines[0] = _line("kind", "torque", "not stated")
-        for other, (other_scale, _) in drive.ratios.items():
-            lines.append(f"# if it is a {other}, these lines in place of the three above:")
-            lines += [f"#   {line}" for line in _kind_lines(other, other_scale, robot)]
+    lines = [_line("kind", kind or "torque"), _line("scale", scale, known), *_motor_lines(proposal, kind)]
     if any(question.key == "[input] zero" for question in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
@@ -698,22 +679,21 @@ def _input_lines(proposal: Proposal) -> list[str]:
     return [*lines, _line("from", columns), _line("sign", signs, evidence), _line("delay", delay, reason)]
 
 
-def _kind_lines(
-    kind: InputKind, scale: float, robot: Robot, known: str = "", *, band: str | None = None
-) -> list[str]:
-    """Return the lines of [input] that depend on the kind of the command; `known` is the reason of the scale."""
-    drive, source = robot.drive, "from the robot file"
-    lines = [_line("kind", kind), _line("scale", scale, known)]
+def _motor_lines(proposal: Proposal, kind: InputKind | None) -> list[str]:
+    """Return the lines of [input] on the motors, which a command of this kind needs."""
+    drive, source = proposal.robot.drive, "from the robot file"
     motor = [_line(key, getattr(drive, key), source) for key in ("torque_constant", "gear_ratio")]
-    if kind in ("torque", "current"):
-        return lines + (motor if kind == "current" else [])
+    if kind not in ("voltage", "duty"):
+        return motor if kind == "current" else []
     dead_band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
     if kind == "voltage":
         dead_band = _line("dead_band", 0.0, "a voltage has none")
-    elif band is not None:
-        dead_band = _line("dead_band", float(band), "an estimate; 0 if the firmware adds none")
+    for question in proposal.questions:
+        if question.key == _BAND_KEY:
+            dead_band = _line(
+                "dead_band", float(question.answers[0]), "an estimate; 0 if the firmware adds none"
+            )
     return [
-        *lines,
         dead_band,
         _line("supply_voltage", drive.supply_voltage, source),
         *motor,

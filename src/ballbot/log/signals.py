@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, rows_between
-from ballbot.errors import InputError
 
 #: a, the usual error of a row's time [s]: messages come every 5 ms, or 10
 TIME_ERROR = 2e-3
@@ -33,8 +32,6 @@ ANGLE_NOISE = 6e-4
 #: standard deviation of the weights of the smooth course [s]: of the logs of a course's robot it leaves a noise of 0.10
 #: to 0.17 rad/s, and simulated messages are found to 0.2 ms; and the farthest that a row's time is moved [s]
 COURSE_WIDTH, FARTHEST = 0.02, 0.06
-#: the shortest usual interval between rows [s]: 10 kHz
-SHORTEST_INTERVAL = 1e-4
 ROUNDS = 6
 #: the noise is estimated where the wheels turn at least so fast [rad/s], root of the sum of squares
 FAST = 3.0
@@ -49,12 +46,6 @@ def sampling_times(t: Floats, angles: Floats) -> Floats:
 
     Of the rows' own times (N,) [s], increasing, and angles (N, n) [rad] of two wheels or more, finite.
     """
-    usual = float(np.median(np.diff(t))) if len(t) > 1 else FARTHEST
-    if usual < SHORTEST_INTERVAL:
-        raise InputError(
-            f"Rows come every {usual:.3g} s, and repair needs at least {SHORTEST_INTERVAL:g} "
-            "s between rows; correct the unit of t, which must be in seconds."
-        )
     times, known = t.copy(), _has_a_course(t)
     for _ in range(ROUNDS):
         course, speeds = smooth_at(times, angles, width=COURSE_WIDTH)
@@ -76,40 +67,18 @@ def new_messages(times: Floats) -> Bools:
     return kept
 
 
-def speed_noise(t: Floats, angles: Floats) -> float | None:
-    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
+def speed_noise(times: Floats, angles: Floats) -> float:
+    """Return the noise [rad/s] of the wheels' speeds from one row to the next, while they turn fast.
 
-    It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
+    It is the root mean square of speeds minus smooth speeds; nan if too few rows are fast.
     """
-    noise = _noise_of_speeds(t, angles)
-    return None if noise is None else float(np.sqrt((noise**2).mean()))
-
-
-def repaired_noise(t: Floats, angles: Floats) -> float | None:
-    """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
-
-    With times that it helped to find, the noise of a wheel would be underestimated.
-    """
-    squares = []
-    for wheel in range(angles.shape[1]):
-        times = sampling_times(t, np.delete(angles, wheel, axis=1))
-        noise = _noise_of_speeds(times, angles)
-        if noise is None:
-            return None
-        squares.append((noise[:, wheel] ** 2).mean())
-    return float(np.sqrt(np.mean(squares)))
-
-
-def _noise_of_speeds(times: Floats, angles: Floats) -> Floats | None:
-    """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
     kept = new_messages(times)
     times, angles = times[kept], angles[kept]
     _, speeds = smooth_at(times, angles, width=COURSE_WIDTH)
     between = 0.5 * (speeds[1:] + speeds[:-1])
     noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
-    fast = np.sqrt((between**2).sum(axis=1)) > FAST
-    fast &= _has_a_course(times)[1:]
-    return noise[fast] if fast.sum() >= FEWEST_FAST else None
+    fast = (np.sqrt((between**2).sum(axis=1)) > FAST) & _has_a_course(times)[1:]
+    return float(np.sqrt((noise[fast] ** 2).mean())) if fast.sum() >= FEWEST_FAST else np.nan
 
 
 def _has_a_course(t: Floats) -> Bools:

@@ -241,8 +241,6 @@ USUAL = 0.15
 #: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5), and the
 #: factor of one torque over the others that is
 SURE, UNLIKE = 5.0, 1.25
-#: a factor that a log must exclude; otherwise its bounds are reported
-MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
 
@@ -277,15 +275,6 @@ class Gains:
         errors = np.where(usual, precision**-0.5, errors)
         return np.maximum(self.factors / others, ZERO), np.hypot(self.errors, errors)
 
-    def unbounded(self) -> dict[int, tuple[float, float]]:
-        """Return bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
-        factors, errors = self.unlike()
-        with np.errstate(over="ignore"):
-            reach = np.exp(1.96 * errors)
-        wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
-        low, high = (factors / reach).tolist(), (factors * reach).tolist()
-        return {i: (low[i], high[i]) for i in np.flatnonzero(wide).tolist()}
-
 
 def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""
@@ -316,21 +305,12 @@ def _gain(driving: Driving, i: int) -> tuple[float, float]:
     return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
 
 
-def together(gains: Sequence[Gains]) -> Gains:
-    """Return the gains that several logs of a robot show."""
-    weights = 1.0 / np.square([gain.errors for gain in gains])
-    precision = weights.sum(axis=0)
-    mean = np.sum(np.where(weights > 0.0, weights * [gain.factors for gain in gains], 0.0), axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
-
-
 # --- which command drives which wheel ---
 
-#: assignments whose torques differ by less than this part of their size count as one: with another error of 0.13 of it
+#: assignments whose torques differ by less than this part of their size count as one: with another error of 0.09 of it
 #: torques are still off by no more than they may be, 0.2. A wheel's counts as at least this part of all wheels' (root
 #: mean square)
-SAME_TORQUES, LEAST_TORQUE = 0.15, 0.5
+SAME_TORQUES, LEAST_TORQUE = 0.18, 0.5
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
@@ -384,7 +364,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     probability = posterior([min(probability_of_order, usual[least]) for probability_of_order in usual], odds)
     torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
-    size = SAME_TORQUES * sizes_of(likeliest)
+    size = SAME_TORQUES * sizes_of(likeliest - _by_speed(driving, likeliest))
     alike = [h for h, u in torques.items() if np.all(np.std(u - likeliest, axis=0) <= size)]
     best = max(alike, key=lambda h: usual[h])
     other = next((h for h in probability if h not in alike), best)
@@ -404,6 +384,13 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
 def sizes_of(torques: Floats) -> Floats:
     """Return the size (n,) of each wheel's torque (N, n), of which an error of it is a part."""
     return np.maximum(torques.std(axis=0), LEAST_TORQUE * np.sqrt(torques.var(axis=0).mean()))
+
+
+def _by_speed(driving: Driving, u: Floats) -> Floats:
+    """Return what of the wheels' commands (N, n) goes with their speeds: of duties, mostly the back-EMF."""
+    speed = driving.friction[:, :, 1]
+    terms = np.column_stack([speed.ravel(), driving.needed.ravel(), driving.friction[:, :, 0].ravel()])
+    return max(float(np.linalg.lstsq(terms, u.ravel(), rcond=None)[0][0]), 0.0) * speed
 
 
 def _usual(wheels: _Order, counted: Sequence[int]) -> float:

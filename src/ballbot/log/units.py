@@ -20,7 +20,6 @@ from ballbot.arrays import Floats
 from ballbot.findings import Finding, error
 from ballbot.log.columns import FACTORS
 from ballbot.log.evidence import probabilities
-from ballbot.log.imu_angles import integral_of
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 
@@ -66,13 +65,6 @@ def change_agreement(t: Floats, first: Floats, second: Floats) -> Agreement | No
     rows = int(np.clip(SLOW_ROWS if usual >= SLOW else round(COMPARED_TIME / usual), 1, len(t) // 4))
     spans, changes = t[rows:] - t[:-rows], table[rows:] - table[:-rows]
     return agreement(*changes[spans < 3.0 * np.median(spans)].T)  # not over a gap, where the rate is unknown
-
-
-def integrated(t: Floats, rate: Floats) -> Floats:
-    """Return the integral (N,) of a rate over times (N,) [s] from its first known value; what is missing stays so."""
-    known, integral = np.isfinite(rate), np.full(len(rate), np.nan)
-    integral[known] = integral_of(t[known], rate[known]) if known.any() else 0.0
-    return integral
 
 
 def unit_of_ratio(ratio: float, unit: str, *, within: float) -> str | None:

@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, by_severity, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
+from ballbot.identification.axis.identify import open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
 from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import BLUE, INK, MUTED
-from ballbot.report.series import Line, Look, Panel, TimeSeries
+from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import LOOKS, drawn_picture, one_panel
 from ballbot.report.words import capital
 from ballbot.rounding import DASH, digits, plus_minus, unit_heading
@@ -20,7 +20,7 @@ from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
+_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law"}
 #: forces that are selected in addition to the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 
@@ -38,37 +38,27 @@ def axis_friction_figure(fit: AxisIdentification, record: AxisRecord) -> Figure:
     axes.plot(motion.speed[moving], friction[moving], ".", label="record", **dots)
     side = np.linspace(1e-4, 1.0, 200) * fastest
     speed = np.concatenate([-side[::-1], [np.nan], side])
-    for estimate, look in _drawn_laws(fit):
-        style = {**LOOKS[look], "linewidth": 1.4}
-        axes.plot(speed, estimate.axis().friction(speed), label=estimate.model.law, **style)
+    style = {**LOOKS["first"], "linewidth": 1.4}
+    axes.plot(speed, fit.best.axis().friction(speed), label=fit.law, **style)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
     axes.legend(loc="upper left", markerscale=5.0)
     return figure
 
 
-def _drawn_laws(fit: AxisIdentification) -> list[tuple[AxisEstimate, Look]]:
-    """Return the estimates that are drawn, each with its look."""
-    asymmetric = fit.by_law.get("asymmetric") if fit.law != "asymmetric" else None
-    return [(fit.best, "first"), *([(asymmetric, "third")] if asymmetric else [])]
-
-
 def open_loop_series(fit: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the position, and the errors of its simulation from the recorded force alone."""
-    errors = [
-        Line(
-            f"{estimate.model.law}: {1e3 * estimate.errors[record.name].open_loop_rmse:.3g} m{fit.unit} RMS",
-            1e3 * np.append(0.0, open_loop_error(estimate.axis(), record)),
-            look,
-        )
-        for estimate, look in _drawn_laws(fit)
-    ]
+    error = Line(
+        f"{fit.law}: {1e3 * fit.best.errors[record.name].open_loop_rmse:.3g} m{fit.unit} RMS",
+        1e3 * np.append(0.0, open_loop_error(fit.best.axis(), record)),
+        "first",
+    )
     position = Panel(
         unit_heading("recorded position", fit.unit), [Line("recorded", record.position, "measured")]
     )
     return TimeSeries(
         record.t,
-        (position, Panel(unit_heading("error of the position", f"m{fit.unit}"), errors)),
+        (position, Panel(unit_heading("error of the position", f"m{fit.unit}"), [error])),
         f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
     )
 

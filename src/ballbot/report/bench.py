@@ -151,8 +151,7 @@ def prediction_series(fit: UpsideDown, log: Log) -> TimeSeries:
     every = cut_ball_windows(fit.robot, [log], duration=fit.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    frictions = fit.robot.friction, Friction.none(fit.robot.wheel_count)
-    predicted = np.array([predicted_velocity(windows, fit.robot, friction) for friction in frictions])
+    predicted = np.array([predicted_velocity(windows, *fit.models[name]) for name in ("found", "none")])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in fit.held_out_windows}
@@ -261,7 +260,7 @@ def driveline_report(
     errors = [(wheel, fit.rmse, fit.rmse_without) for wheel, fit in zip(wheels, fits, strict=True)]
     of_fits = [finding for fit in fits for finding in fit.findings]
     words = (
-        "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
+        "A driveline resists with b ω + (c + s exp(−|ω/v_s|^delta)) sgn ω. Each is identified as an axis of the file's "
         "inertia (docs/axis.md)."
     )
     return Result(
@@ -274,8 +273,8 @@ def driveline_report(
                 Paragraph(words),
                 Sheet(("parameter", "unit", *wheels), parameter_rows(fits), "With 95 % intervals."),
                 Paragraph(
-                    "`robot.toml` has b, c and s of each wheel and the mean of v_s: the friction of motor and gear. "
-                    "That of balancing has other losses too; `ballbot identify` finds it from logs, and compares."
+                    "`robot.toml` has b, c and s of each wheel and the means of v_s and delta: of motor and gear. "
+                    "The friction of balancing has other losses too; `ballbot identify` finds it, and compares."
                 ),
                 drawn_picture("curve", curves, curve_figure, laws, sweeps[0].limit),
             ),
@@ -290,8 +289,7 @@ def driveline_report(
         ],
         undecided=[
             *texts(of_fits),
-            "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a "
-            "second each time. The inertia is from the robot file.",
+            "The inertia is from the robot file.",
         ],
         findings=findings,
         data={
@@ -314,7 +312,7 @@ def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
 
 def _sentence(fit: DrivelineFit) -> str:
     """Return a wheel's friction in words."""
-    b, c, s, _ = fit.values.tolist()
+    b, c, s, *_ = fit.values.tolist()
     return (
         f"The break-away torque is {digits(c + s, 2)} N m; in motion the friction is {digits(c, 2)} N m plus "
         f"{digits(b, 2)} N m per rad/s. Without friction the error of the speed is "

@@ -16,7 +16,6 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
-from ballbot.log.placement import Placement
 from ballbot.log.pose import with_position, with_rates
 from ballbot.log.proposal import Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
@@ -157,19 +156,18 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: bool) -> Result:
-    """Return the page of the mapping proposed for foreign files, from the surest of them; `kept`: it was written."""
+def proposal_report(proposal: Proposal, *, kept: bool) -> Result:
+    """Return the page of the mapping proposed for a foreign file; `kept`: it was written."""
     file, robot = proposal.base.path, proposal.robot
     verdict = (
         proposal.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    answers = Verbatim("\n".join(answer_lines(proposal)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
-            section("What was found", answers, _placement_table(proposal) if proposal.tested else None),
+            section("What was found", Verbatim("\n".join(answer_lines(proposal)))),
             section("The mapping file", Verbatim(proposal.text)),
             section("The log that it makes", *(over_time(log, robot) if (log := proposal.log) else ())),
         ],
@@ -177,25 +175,10 @@ def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: 
         findings=proposal.findings,
         accepted=False,
         data={
-            "files": [_proposal_data(candidate) for candidate in evaluated],
+            "files": [_proposal_data(proposal)],
             **({} if kept else {"mapping_file": proposal.text}),
         },
     )
-
-
-def _placement_table(proposal: Proposal) -> Sheet:
-    placements = proposal.tested.placements if proposal.tested else ()
-    least = min((placement.misfit for placement in placements), default=1.0)
-    columns: list[Column[Placement]] = [
-        Column("wheel order", lambda placement: placement.description),
-        Column("phase [deg]", lambda placement: f"{math.degrees(placement.phase):.1f}"),
-        Column("gain", lambda placement: f"{placement.gain:.2f}"),
-        Column("lean unexplained [%]", lambda placement: f"{100.0 * placement.unexplained:.1f}"),
-        Column("wheels together [%]", lambda placement: f"{100.0 * placement.together:.1f}"),
-        Column("misfit", lambda placement: f"{placement.misfit / least:.1f}"),
-    ]
-    ordered = sorted(placements, key=lambda placement: placement.misfit)
-    return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
 def _proposal_data(proposal: Proposal) -> dict[str, object]:

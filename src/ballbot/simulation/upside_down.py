@@ -1,15 +1,15 @@
 """The ball on the wheels of a robot that is clamped upside down (thesis 3.6): no floor, no leaning.
 
-    (J_ball + (j_w + j_r) A^T A) Omega_dot = A^T (u - tau(A Omega, u))
+    (J_ball + (j_w + j_r) A^T A) Omega_dot = A^T (u - tau(A Omega, u)) - B Omega
 
 Omega is the ball's angular velocity in the robot's frame, and wheel i turns at row i of A times Omega. The ball is
 free to turn about every axis. Its inertia is the same about all of them and the wheels' axles stand still, so that
 both gyroscopic terms, Omega x J_ball Omega and that of the wheels, are zero and the mass matrix is constant:
-without friction the plant is linear.
+without friction the plant is linear. B is a loss where wheels touch the ball, zero by default.
 
-A step is RK4 with the signs of its start. Where a wheel's speed does not keep its sign, or rests, the step is taken in
-`PARTS` short ones, and those in which it happens are the convex step of `ballbot.mechanics.stick_slip`, of first
-order, in which the ball's place on the floor has no part.
+A step is RK4 with the signs and B Omega of its start. Where a wheel's speed does not keep its sign, or rests, the step
+is taken in `PARTS` short ones, and those in which it happens are the convex step of `ballbot.mechanics.stick_slip`, of
+first order, in which the ball's place on the floor has no part.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class BallNumbers(NamedTuple):
     M: NDArray[np.float64]  #: (3, 3) [kg m^2]
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
     wheels: tuple[Wheel, ...] | tuple[OwnWheel, ...]
+    drag: NDArray[np.float64]  #: (n, 3) [N m s/rad], the wheel torques that B Omega is
 
 
 @inlined
@@ -130,15 +131,16 @@ def run_ball(ball, omega, torques, sample_time, steps, out):
     `out` (samples, 3) takes Omega after each sample of so many inner steps.
     """
     n, h = len(ball.wheels), sample_time / steps
-    signs, end, rates, middle = np.empty(n), np.empty(3), np.empty(3), np.empty(3)
+    u, signs, end, rates, middle = np.empty(n), np.empty(n), np.empty(3), np.empty(3), np.empty(3)
     for sample in range(len(torques)):
         for _ in range(steps):
             for i in range(n):
                 signs[i] = sign(dot(ball.wheels[i].axle, omega))
-            if _slide(ball, torques[sample], omega, signs, h, end, rates, middle):
+                u[i] = torques[sample, i] - dot(ball.drag[i], omega)
+            if _slide(ball, u, omega, signs, h, end, rates, middle):
                 fill(omega, end)
             else:
-                _in_parts(ball, torques[sample], omega, signs, h / PARTS, end, rates, middle)
+                _in_parts(ball, u, omega, signs, h / PARTS, end, rates, middle)
         fill(out[sample], omega)
 
 
@@ -148,6 +150,7 @@ class ClampedBall:
 
     A: NDArray[np.float64]  #: (n, 3), wheel speeds from the ball's angular velocity (II.13)
     inertia: NDArray[np.float64]  #: J_ball + (j_w + j_r) A^T A (3, 3) [kg m^2]
+    loss: float = 0.0  #: B [N m s/rad]
 
     @staticmethod
     def of_robot(robot: Robot) -> ClampedBall:
@@ -185,7 +188,8 @@ def simulate_balls(
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(starts), inputs.shape[1], 3))
-    numbers = BallNumbers(ball.inertia, ball.push(), wheels_of(friction, ball.A))
+    drag = np.ascontiguousarray(ball.loss * np.linalg.pinv(ball.A.T), dtype=np.float64)
+    numbers = BallNumbers(ball.inertia, ball.push(), wheels_of(friction, ball.A), drag)
 
     def run(first: int) -> None:
         for window in range(first, min(first + LANES, len(starts))):

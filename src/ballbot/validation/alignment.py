@@ -150,7 +150,7 @@ def align(log: Log, mocap: Log) -> Alignment:
     [m] of a point are optional. InputError if a needed column is missing, they are not of the same run, or the cameras
     confused markers out of view.
     """
-    turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
+    turning, poses = log_turning(log), _in_one_frame(read_poses(mocap))
     motion, rival = match_turning(turning, poses_turning(poses), least_share=_LEAST_SHARE)
     seen = poses_on_rows(log, poses, motion)
     doubts = frame_findings(log, seen, motion)
@@ -172,7 +172,7 @@ _LEAST_JUMP, _SURE_JUMP = 0.35, 1.0
 
 
 def _in_one_frame(poses: Poses) -> Poses:
-    """Return the poses, all seen, without those in which the cameras confused markers.
+    """Return the poses without those in which the cameras confused markers.
 
     Symmetric markers make the marker body's frame jump by 90 or 180 degrees, and back. The product of the jumps is the
     rotation of each interval between two jumps against the first; the frame that most poses have is kept.
@@ -188,7 +188,7 @@ def _in_one_frame(poses: Poses) -> Poses:
     turns = Rotation.concatenate(frames)
     alike = np.array([(turns.inv() * frame).magnitude() < _LEAST_JUMP for frame in frames])
     kept = alike[int(np.argmax(alike @ counts))][stretch]
-    return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
+    return poses.of_rows(kept)
 
 
 def _with_poses(log: Log, seen: SeenRows, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:

@@ -11,7 +11,6 @@ from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.motion import (
     CLEAR,
-    AxisMotion,
     InverseModel,
     inverse_model,
     motion_of,
@@ -22,16 +21,9 @@ from ballbot.log.clock import clock_findings
 from ballbot.log.signals import longest_repeat
 
 #: codes of errors, for `--accept`
-ERROR_CODES = (
-    "excitation", "force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck", "unit"
-)  # fmt: skip
+ERROR_CODES = ("excitation", "force-sign", "force-unrelated", "scale", "spike", "stuck", "unit")
 #: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: the speed is at its limit above this share of the 99 % quantile, if a larger share of the rows is; there the
-#: unexplained force varies by this share of the force, and by so many times its variation elsewhere
-_AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
-#: least rows below the limit that show the variation there
-_LEAST_ROWS = 100
 #: a position that repeats for this long [s] and over this many rows does not do so by chance
 _LONG, _ROWS = 0.2, 40
 #: after it, the position jumps by so many of the largest other steps
@@ -45,7 +37,7 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
     if np.ptp(record.force) > 0.0 and all(finding.severity != "error" for finding in findings):
         motion = motion_of(record)
         model = with_gravity([motion], AxisModel(law="coulomb", interpolated=not record.even))
-        findings += list(_of_speed(motion)) or _of_motion(record, inverse_model([motion], model))
+        findings += _of_motion(record, inverse_model([motion], model))
     return by_severity(findings)
 
 
@@ -88,34 +80,6 @@ def _of_stuck(record: AxisRecord) -> Iterator[Finding]:
             "last value. Leave these cells empty."
         )
         yield error("stuck", text, "position")
-
-
-def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
-    """Find a speed that stays at its limit under a force that the motion does not explain."""
-    speed, F = motion.lowpassed(motion.speed), motion.lowpassed(motion.record.force)
-    at_limit = np.abs(speed) >= _AT_LIMIT * float(np.quantile(np.abs(speed), 0.99))
-    share = float(at_limit.mean())
-    if share <= _LIMIT_ROWS or (~at_limit).sum() < _LEAST_ROWS:
-        return
-    columns = (motion.acceleration, motion.speed, np.sign(motion.speed), motion.position, np.ones(len(speed)))
-    X = np.column_stack([motion.lowpassed(column) for column in columns])
-    values, *_ = np.linalg.lstsq(X[~at_limit], F[~at_limit], rcond=None)
-    left = F - X @ values
-    excess = (np.sign(speed) * left)[at_limit]
-    varies, usual = float(np.std(excess)), float(np.std(left[~at_limit]))
-    least = max(_FREE_FORCE * float(np.sqrt(np.mean(F**2))), _FREE_TIMES * usual)
-    if varies > least and np.mean(excess) > varies:
-        fastest = float(np.median(np.abs(speed[at_limit])))
-        low, high = np.quantile((np.sign(speed) * F)[at_limit], [0.05, 0.95])
-        record = motion.record
-        text = (
-            f"The speed stays at its maximum, {fastest:.3g} {record.unit}/s, in {100.0 * share:.0f} % of the rows "
-            f"while the force changes from {low:.3g} to {high:.3g} {record.force_unit}: the supply or the driver "
-            "limits the speed, and the recorded force does not act there. Remove these rows (gaps are allowed), or "
-            "record with less force. For a robot's drivelines use `ballbot identify-driveline`, which leaves such "
-            "rows out."
-        )
-        yield error("speed-limit", text, "force", "position")
 
 
 def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:

@@ -6,9 +6,10 @@ so that noise there does not count as friction. Windows last `WINDOW`: over much
 hides the friction; over much longer ones a single moment of sticking determines all that follows.
 
 Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
-is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
+is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined. Of a
+law `stribeck` that is requested, so is delta, which is otherwise 1 with a standard deviation that the errors include.
 Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
-record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
+record by itself.
 """
 
 from __future__ import annotations
@@ -25,12 +26,11 @@ from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
-from ballbot.fitting.fit import Fit, fit, held_out_squares
-from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.model_selection import Gain, gain_between, neighbours
+from ballbot.fitting.fit import Fit, fit, held_out_squares, released
+from ballbot.fitting.model_selection import Gain, blocks_of, gain_between
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import block_length, resamples
+from ballbot.fitting.uncertainty import resamples
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
 from ballbot.identification.axis.motion import (
     CLEAR,
@@ -48,9 +48,14 @@ from ballbot.summary import Reported
 WINDOW = 1.0
 #: least windows for a covariance of six parameters
 _LEAST_WINDOWS = 9
-#: number of blocks of time, which are held out and drawn together, and of folds
-_BLOCKS = 12
-_FOLDS = 3
+#: standard deviation of a delta that is held at 1: laws in use have 0.5 to 2 (B. Armstrong-Helouvry, P. Dupont and
+#: C. Canudas de Wit, A survey of models, Automatica 30 (1994) 1083-1138), and 2 is then two deviations away
+DELTA_DEVIATION = 0.5
+DELTA_HELD = note(
+    "excitation",
+    "How sharply s fades with speed does not show: delta is held at 1. If it is larger, s is smaller and v_s larger. "
+    "The 95 % intervals include what deltas from 0.5 to 2 would change.",
+)
 #: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
 #: prior standard deviation of a start's speed, as a share of the usual speed
@@ -101,7 +106,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         return np.concatenate(positions)[rows] - np.concatenate([measured[block] for block in blocks])
 
     return Residuals(
-        coordinates=ParameterSpace(parameters=_parameters(model, motions)),
+        coordinates=ParameterSpace(parameters=_parameters(model, motions)).holding(*model.held),
         errors_of=errors,
         block=np.repeat(np.arange(len(log)), [len(rows) for rows in measured]),
         block_log=log,
@@ -138,7 +143,6 @@ class AxisEstimate:
 
     model: AxisModel
     motions: tuple[AxisMotion, ...]  #: of the records
-    experiment: Residuals
     fit: Fit[BlockErrors]
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
     errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: first those fitted, then others
@@ -157,8 +161,7 @@ class AxisEstimate:
     @cached_property
     def held_out(self) -> Floats:
         """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
-        end = self.fit.finished.end
-        return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
+        return held_out_squares(self.fit)
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
         """Return the gain on held-out blocks over a simpler model."""
@@ -199,13 +202,6 @@ class AxisEstimate:
         }
 
 
-def residual_force(motion: AxisMotion, model: AxisModel, values: Values) -> Floats:
-    """Return what a model leaves of the force (n,) [N] in the moving rows, filtered as the regression's columns."""
-    axis, force = model.axis(values), motion.force(interpolated=model.interpolated)
-    left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
-    return motion.lowpassed(left - axis.friction(motion.speed))[motion.moving]
-
-
 def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
@@ -223,14 +219,7 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
         )
     result = fit(experiment, point)
     errors = dict(zip(model.names, result.errors.tolist(), strict=True))
-    return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
-    )
-
-
-def blocks_of(windows: int) -> list[Ints]:
-    """Return the windows of each block of time, neighbours that are held out and drawn together."""
-    return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
+    return AxisEstimate(model=model, motions=tuple(motions), fit=result, standard_errors=errors)
 
 
 #: least gain on held-out blocks for which a force or a law is kept
@@ -242,8 +231,6 @@ _FADES = 0.5
 #: share of the squared force that a regression explains and a fit leaves if the two contradict each other; 0.002 at
 #: most of the machines of campaigns/one_axis.py
 _CONTRADICTED = 0.05
-#: least share of the residual force's variance that a reported dependence explains, and its largest p-value
-_LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
 
 
@@ -258,7 +245,7 @@ class AxisOptions:
     """
 
     law: str | None = None
-    """The friction law: viscous, coulomb, stribeck or asymmetric."""
+    """The friction law: viscous, coulomb or stribeck."""
 
     gravity: bool | None = None
     """Whether gravity acts on an axis that turns: S sin q + C cos q."""
@@ -355,8 +342,8 @@ def identify_axis(
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
     findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
-    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
-    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
+    findings += [DELTA_HELD] if fits[chosen].fit.moved is not None else []
+    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen])]
     findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
         records=tuple(fitted.name for fitted in records),
@@ -398,6 +385,7 @@ def _with_forces(
     uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
+    known = known if options.law == "stribeck" else {"stribeck_exponent": 1.0, **known}
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     wider = model if options.gravity is not None else with_gravity(motions, model)
     start = inverse_model(motions, wider).values
@@ -440,12 +428,20 @@ def _useful(gain: Gain | None) -> bool:
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
-    begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
+    begin = {name: PARAMETERS[name].default for name in LAWS[law][0]} | coulomb.values
+    begin["stribeck"] = 0.2 * coulomb.values["coulomb"]
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
     model = replace(coulomb.model, law=law)
     fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
-    return min(fits, key=lambda fit: fit.rms)
+    best = min(fits, key=lambda fit: fit.rms)
+    if "stribeck_exponent" not in model.names:
+        return best
+    wider = axis_experiment(replace(model, held=()), best.motions, window_duration(best.motions))
+    own = released(best.fit, wider, "stribeck_exponent", deviation=DELTA_DEVIATION)
+    errors = dict(zip(model.names, own.errors.tolist(), strict=True))
+    model = replace(model, held=() if own.moved is None else model.held)
+    return replace(best, model=model, fit=own, standard_errors=errors)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:
@@ -476,14 +472,19 @@ def _check_force(fit: AxisEstimate, law: str) -> None:
     the recorded ones, the less the larger the mass, so that the mass becomes far too large.
     """
     inverse, record = inverse_model(fit.motions, replace(fit.model, law=law)), fit.motions[0].record
-    left = [residual_force(motion, fit.model, fit.values) for motion in fit.motions]
-    own = 1.0 - float(np.sum(np.concatenate(left) ** 2)) / inverse.squares
+    axis, left = fit.axis(), 0.0
+    for motion in fit.motions:
+        force = motion.force(interpolated=fit.model.interpolated)
+        others = axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
+        residual = motion.lowpassed(force - others - axis.friction(motion.speed))
+        left += float(np.sum(residual[motion.moving] ** 2))
+    own = 1.0 - left / inverse.squares
     if inverse.explained - own > _CONTRADICTED:
         raise InputError(
             f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
             f"the force, and a plain regression of the force on acceleration and speed {100.0 * inverse.explained:.0f} "
-            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the force is late, or "
-            "it is the friction alone. Record all of the force that drives the axis."
+            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the supply limits its "
+            "speed, the force is late, or it is the friction alone. Record all of the force that drives the axis."
         )
 
 
@@ -496,7 +497,8 @@ def _check_range(fit: AxisEstimate) -> None:
             raise InputError(
                 f"{record.name}: {kind.symbol} ({kind.meaning}) fits best at {fit.values[name]:.3g} "
                 f"{unit_for(kind, record.unit)}, the end of its range, which no axis exceeds: the force does not drive "
-                "this axis, or force and position are not of the same times. Check their columns and clocks."
+                "this axis throughout, as where the supply limits its speed, or force and position are not of the same "
+                "times. Check their columns and clocks."
             )
 
 
@@ -535,51 +537,6 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
     # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
     return middle, middle / factor, middle * factor
-
-
-#: advice on a residual force that depends on a quantity
-_ADVICE = {
-    "position": "the model lacks a force over position, as of a cable, cogging or gravity (--gravity)",
-    "speed": "the friction law does not fit over the speed: compare the laws",
-    "time": "friction or the constant force drifts; record the warm machine",
-}
-
-
-def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the residual force depends on position, speed or time, as piecewise linear functions show."""
-    tables = []
-    for number, motion in enumerate(best.motions):
-        columns = (motion.block_of(number), motion.position, motion.speed, motion.record.t)
-        left = residual_force(motion, best.model, best.values)
-        tables.append(np.vstack([left, np.array(columns)[:, motion.moving]]))
-    left, block, *columns = np.hstack(tables)
-    for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
-        edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
-        if len(edges) < 3:
-            continue
-        shapes = np.column_stack([np.interp(column, edges, corner) for corner in np.eye(len(edges))])
-        fit = fit_linear(shapes, left, block.astype(np.int64))
-        chance = fit.p_value(range(shapes.shape[1]))
-        share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
-        if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
-            shown = f"p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % of its variance"
-            text = f"The residual force depends on the {quantity} ({shown}): {advice}."
-            yield warning("axis-residuals", text)
-
-
-def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
-    if not (both.gain and both.gain.significant):
-        return
-    others = [*best.errors][len(best.motions) :]
-    better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
-    confirmed = "no other record shows whether the machine or this run has it"
-    if others:
-        confirmed = f"{better} of {len(others)} other records are predicted better with it"
-    yield note(
-        "asymmetry",
-        f"Friction that differs between directions predicts other blocks of these records with "
-        f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
-    )
 
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:

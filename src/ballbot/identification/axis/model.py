@@ -1,11 +1,10 @@
 """One axis with friction: its parameters, friction laws and motion.
 
-    M a = F - offset - G(q) - b v - d |v| - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
+    M a = F - offset - G(q) - b v - (c + s exp(-|v/v_s|^delta) + mu W) sgn(v)    G(q) = S sin q + C cos q
 
-G is gravity on an axis that turns. The viscous friction is b + d forwards and b - d backwards; a difference of Coulomb
-friction between the directions is part of the offset. Dry friction may grow with the load W = |F + G(q)| / 2 of the
-gears: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
-(2024), with mu twice theirs.
+G is gravity on an axis that turns. A difference of Coulomb friction between the directions is part of the offset. Dry
+friction may grow with the load W = |F + G(q)| / 2 of the gears: M. Duclusaud et al., Extended friction models for the
+physics simulation of servo actuators, arXiv 2410.08650 (2024), with mu twice theirs.
 
 The motion is that of `ballbot.mechanics.driveline`, with the force held over a row or changing linearly to the
 next, and G evaluated in the middle of each step.
@@ -22,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot.arrays import Floats, Ints
-from ballbot.fitting.parameter import FitParameter, Scale
+from ballbot.fitting.parameter import FitParameter, Limits, Scale
+from ballbot.identification.quantities import BY_NAME
 from ballbot.mechanics.driveline import UNLIMITED, Inertia, move
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import Wheel, steady_friction
@@ -36,14 +36,20 @@ _REACH = 100.0
 #: a driver, a bus and a filter take less [s]: no position loop of an axis would be stable with more
 LONGEST_DELAY = 0.1
 _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
+#: of those without such a size
+_BOUNDS: Mapping[str, Limits] = {
+    "load": (0.0, 1.0),
+    "delay": (-LONGEST_DELAY, LONGEST_DELAY),
+    "stribeck_exponent": BY_NAME["stribeck_exponent"].bounds,
+}
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("mass", "M", "kg", "mass or inertia", "ratio"),
     ("viscous", "b", "N s/m", "viscous", "amount"),
-    ("asymmetry", "d", "N s/m", "viscous, forwards above the mean", "signed"),
     ("coulomb", "c", "N", "Coulomb", "amount"),
     ("offset", "offset", "N", "constant force", "signed"),
     ("stribeck", "s", "N", "break-away above Coulomb", "amount"),
     ("stribeck_speed", "v_s", "m/s", "Stribeck speed", "ratio"),
+    ("stribeck_exponent", "delta", "1", "how sharply s fades", "ratio"),
     ("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
     ("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
     ("load", "mu", "1", "Coulomb, as a share of the load", "amount"),
@@ -57,9 +63,7 @@ PARAMETERS: Mapping[str, FitParameter] = {
         symbol=symbol,
         unit=unit,
         scale=scale,
-        bounds={"load": (0.0, 1.0), "delay": (-LONGEST_DELAY, LONGEST_DELAY)}.get(
-            name, (_LEAST[scale], _REACH)
-        ),
+        bounds=_BOUNDS.get(name, (_LEAST[scale], _REACH)),
         default=1.0 if scale == "ratio" else 0.0,
         meaning=meaning,
     )
@@ -73,12 +77,12 @@ def unit_for(parameter: FitParameter, axis_unit: str) -> str:
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 
+_COULOMB = ("mass", "viscous", "coulomb", "offset")
 #: friction laws: the parameters of each, and the simpler law with which it is compared
 LAWS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "viscous": (("mass", "viscous", "offset"), ""),
-    "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
-    "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
-    "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
+    "coulomb": (_COULOMB, "viscous"),
+    "stribeck": ((*_COULOMB, "stribeck", "stribeck_speed", "stribeck_exponent"), "coulomb"),
 }
 #: optional forces, and their parameters
 FORCES: Mapping[str, tuple[str, ...]] = {
@@ -96,6 +100,7 @@ class AxisModel:
     forces: tuple[str, ...] = ()  #: those of `FORCES`
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
+    held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,8 +116,7 @@ class AxisModel:
 class _AxisNumbers(NamedTuple):
     """The parameters of an axis as compiled code reads them."""
 
-    wheel: Wheel  #: its friction, without asymmetry and load
-    asymmetry: float
+    wheel: Wheel  #: its friction, without load
     inertia: Inertia
     sine: float  #: S
     cosine: float  #: C
@@ -127,8 +131,7 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
     own = axis.wheel
     dry = own.c + 0.5 * axis.mu * abs(force + gravity)
     force -= gravity
-    way = 1.0 if speed > 0.0 or (speed == 0.0 and force > 0.0) else -1.0
-    wheel = Wheel(own.axle, own.b + way * axis.asymmetry, dry, own.s, own.terms, own.inv_vs, own.delta)
+    wheel = Wheel(own.axle, own.b, dry, own.s, own.terms, own.inv_vs, own.delta)
     speed, travel = move(wheel, axis.inertia, force, speed, h)
     return position + travel, speed
 
@@ -163,19 +166,20 @@ _MOST_STEPS = 50
 class Axis:
     """A mass with friction, a constant force against it and gravity."""
 
-    values: Values  #: by name; missing parameters are zero
+    values: Values  #: by name; others have no effect
     interpolated: bool = False  #: whether the force changes linearly between rows
 
     @cached_property
     def _all(self) -> dict[str, float]:
         """The values of all parameters."""
-        return {**dict.fromkeys(PARAMETERS, 0.0), "stribeck_speed": 1.0, **self.values}
+        return {**{name: kind.default for name, kind in PARAMETERS.items()}, **self.values}
 
     @property
-    def _friction(self) -> Friction:
-        """The friction without asymmetry and load, as that of one wheel."""
-        b, c, s, v_s = (self._all[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
-        return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
+    def law(self) -> Friction:
+        """The friction without load, as that of one wheel."""
+        amounts = {name: (self._all[name],) for name in ("viscous", "coulomb", "stribeck")}
+        shape = {name: self._all[name] for name in ("stribeck_speed", "stribeck_exponent")}
+        return replace(Friction.none(1), **amounts, **shape)
 
     def windows(self, force: Floats, h: float, firsts: Ints, counts: Ints, starts: Floats) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
@@ -187,11 +191,10 @@ class Axis:
         acting = force - values["offset"]
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         states = np.empty((int(counts.sum()), 2))
-        (wheel,) = wheels_of(self._friction)
+        (wheel,) = wheels_of(self.law)
         assert isinstance(wheel, Wheel)
         numbers = _AxisNumbers(
             wheel=wheel,
-            asymmetry=values["asymmetry"],
             inertia=Inertia(inv_J=1.0 / values["mass"], stall=UNLIMITED, inv_no_load=0.0),
             sine=values["gravity_sine"],
             cosine=values["gravity_cosine"],
@@ -202,7 +205,7 @@ class Axis:
 
     def friction(self, speed: Floats) -> Floats:
         """Return the friction without load [N] at speeds (N,)."""
-        return steady_friction(speed, self._friction) + self._all["asymmetry"] * np.abs(speed)
+        return steady_friction(speed, self.law)
 
     def other_forces(self, force: Floats, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
         """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""
@@ -214,8 +217,7 @@ class Axis:
     def _steps(self, row: float) -> int:
         """Return the number of steps in a row of `row` [s]."""
         values, mass = self._all, self._all["mass"]
-        viscous = values["viscous"] + abs(values["asymmetry"])
-        fading = values["stribeck"] / values["stribeck_speed"]
+        viscous, fading = values["viscous"], values["stribeck"] / values["stribeck_speed"]
         wanted = row * (viscous + fading) / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:
             # one step passes the Stribeck speed; the law is then Coulomb friction except at break-away

@@ -1,6 +1,6 @@
 """Speed and acceleration of an axis from its position, and the inverse model, which starts the output-error fit.
 
-    F = M a + b v + d |v| + c sgn(v) + offset + G(q)
+    F = M a + b v + c sgn(v) + offset + G(q)
 
 A Butterworth filter, run forwards and backwards and so without delay, smooths the position, which is differentiated by
 central differences. The same filter at a lower frequency smooths every column of the regression (M. Gautier, Dynamic
@@ -195,12 +195,12 @@ def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, Floats]:
     columns = {
         "mass": motion.acceleration,
         "viscous": speed,
-        "asymmetry": np.abs(speed),
         "coulomb": np.sign(speed),
         "offset": np.ones(len(speed)),
         "gravity_sine": np.sin(position),
         "gravity_cosine": np.cos(position),
     }
     force = motion.force(interpolated=model.interpolated)
-    columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
+    known = (value * columns[name] for name, value in model.known.items() if name in columns)
+    columns["force"] = force - sum(known, 0.0)
     return {name: motion.lowpassed(column)[motion.moving] for name, column in columns.items()}

@@ -23,11 +23,12 @@ from ballbot.log import Log
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, given_names, unit_of
 from ballbot.log.formats import read_columns, read_variables
 from ballbot.log.formats.text import ForeignTable, is_number
+from ballbot.log.imu_angles import integral_of
 from ballbot.log.mapping import ColumnTable, LogMapping, Source, apply_mapping, read_mapping, timed_rows
 from ballbot.log.mapping_search.names import stated_unit
 from ballbot.log.row_order import check_time
 from ballbot.log.signals import unwrapped
-from ballbot.log.units import change_agreement, integrated, looks_like, unit_of_ratio
+from ballbot.log.units import change_agreement, looks_like, unit_of_ratio
 from ballbot.log.wrapping import COUNTERS, TURNS, wrap_period
 
 #: least rows of a record
@@ -228,7 +229,7 @@ def read_axis_record(
         log = _complete(Log(apply_mapping(by, rows, changes=changes)))
         force = log[own["force"]] + log.columns.get(f"{own['force']}_added", 0.0)
         moving = own["position" if own["position"] in log else "velocity"]
-        position = integrated(log.t, log[moving]) if moving == own["velocity"] else log[moving]
+        position = integral_of(log.t, log[moving]) if moving == own["velocity"] else log[moving]
     source = by.sources.get(moving, Source(column=moving))
     position = _without_wraps(position, abs(source.factor), unit, changes)
     if by.columns[moving].scale == 1.0:
@@ -297,7 +298,7 @@ def _contradiction(
     own, name = moving
     kinds = [_OWN["rad" if "angle" in own else "m"][option] for option in ("position", "velocity")]
     for other, values in others.items():
-        for kind, moved in zip(kinds, (values, integrated(t, values)), strict=True):
+        for kind, moved in zip(kinds, (values, integral_of(t, values)), strict=True):
             factors, given = FACTORS[unit_of(kind) or ""], stated_unit(other, units) or ""
             beside = given if given in factors else next(iter(factors))
             correlation, ratio = change_agreement(t, position, factors[beside] * moved) or (0.0, 1.0)

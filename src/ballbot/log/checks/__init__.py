@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 #: findings that a fault causes in other checks: its codes, theirs, and whether only on the fault's columns
 _FOLLOWS = (
     (("stuck", "dead-motor", "copied"), ("torque-",), True),
+    # a robot with a motor that fails leans for long, and runs away
+    (("dead-motor", "torque-order", "torque-scale", "torque-sign"), ("lean-offset",), False),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
     # a scaled velocity of the ball, which both checks use
@@ -112,10 +114,10 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     findings, of_all = list[Finding](), list[Finding]()
     if robot is not None:
         # importing the equations of motion takes time
-        from ballbot.log.checks.physics import different_robots, examine, torque_bounds
+        from ballbot.log.checks.physics import different_robots, examine
 
         examined = {name: examine(log, robot) for name, log in logs.items()}
-        of_all = [*different_robots(examined), *torque_bounds(examined.values(), robot)]
+        of_all = different_robots(examined)
     for name, log in logs.items():
         of_log = _log_findings(log, robot, examined[name].findings if robot else ())
         findings += [replace(item, where=replace(item.where, file=name)) for item in of_log]
@@ -154,11 +156,6 @@ class CheckedLogs:
 
     logs: Mapping[str, Log]  #: by the names that messages use
     findings: tuple[Finding, ...]  #: of all logs, errors first
-
-    @classmethod
-    def simulated(cls, log: Log) -> CheckedLogs:
-        """Return a log that Ballbot has just simulated, which needs no checks."""
-        return cls(logs={"": log}, findings=())
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:

@@ -48,8 +48,6 @@ GAIN_RANGE, SURE = (0.87, 1.15), 3.0
 #: correlation with the lean that a disturbance reaches through the controller: 0.47 on the logs of a robot
 #: whose gain of gravity is 2.3 to 3.8 in 12 of 13 spans of 4 s, where correct logs of the twin have 0.9 to 1.1
 CONFOUNDED = 0.5
-#: widest bracket, of the gain and the one of the opposite regression, that shows a scale
-WIDEST = 1.6
 #: ball speed below which the direction of rolling friction is unknown [m/s]
 ROLLING = 0.005
 
@@ -78,11 +76,11 @@ def fault(reading: Reading, names: Sequence[str], *, with_rates: bool = False) -
     return " and ".join(parts) + (rates if with_rates else "")
 
 
-def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[float, float] | None]:
+def check_lean_axes(motion: Motion, robot: Robot) -> list[Finding]:
     """Evaluate the law for every reading of the lean columns: signs and exchange, else scale, else a turn of the IMU.
 
-    Return the finding, and the ball's acceleration over the one that the lean implies, with its relative uncertainty;
-    None if the log is not conclusive, as slipping or shaking wheels have accelerations of their own.
+    The finding is a warning if the log is not conclusive, as slipping or shaking wheels have accelerations of their
+    own.
     """
     terms, block = _terms(motion, robot), motion.block
     gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
@@ -109,10 +107,10 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
     if explained < (EXPLAINED if usual else MOSTLY) or error >= KNOWN * size:
-        return judged("physics", []), None
+        return judged("physics", [])
     advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], TINY)
     if good[0] != 0 and total[0] > CLEARLY_LESS * total[best] and clarity(advantage) > CLEARLY_BETTER:
-        return _misread([pairs[k] for k in good]), None
+        return _misread([pairs[k] for k in good])
     # a disturbance with the correlation has so large a part along the lean for the part that is left; if the law
     # explains nearly everything, nothing else moves the ball
     bias = CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / power_alone)
@@ -125,10 +123,7 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     unit = unit_of_ratio(size, "m", within=GAIN_RANGE[1])
     key = "lean-scale: unit" if unit else "lean-scale"
     findings = judged(key, columns, float(off), size=size, inverse=1.0 / size, unit=unit)
-    findings = findings or judged("lean-axes: turn", _LEAN, sure, degrees=degrees, side=side)
-    # all of the bracket: how the noise divides between lean and acceleration is unknown
-    uncertain = 0.5 * abs(float(np.log(reverse / size))) + SURE * error / size
-    return findings, (float(np.sqrt(size * reverse)), uncertain) if reverse < WIDEST * size else None
+    return findings or judged("lean-axes: turn", _LEAN, sure, degrees=degrees, side=side)
 
 
 def _changes(readings: Sequence[Reading]) -> int:

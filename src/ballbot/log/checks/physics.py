@@ -2,12 +2,11 @@
 
 `examine` runs the checks of one log in the order in which they depend on each other: the delay of the torques, the lean
 axes against the ball's acceleration, the torques against those that the motion needs. They use neither friction nor the
-controller. `different_robots` compares several logs: a log's scales (torque over the needed torque, ball acceleration
-over that of the lean) are those of its robot over the robot file's. They need not be one, but they must be the same in
-every log of a robot.
+controller. `different_robots` compares several logs: the scale of a log's torques over those that its motion needs is
+that of its robot over the robot file's. It need not be one, but it must be the same in every log of a robot.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -35,23 +34,20 @@ from ballbot.log.torque_balance import (
     driving_of,
     gains_of,
     motion_of,
-    together,
 )
 from ballbot.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhysicsOfLog:
-    """Results of one log by itself; None if it is not conclusive or an earlier check failed."""
+    """Results of one log by itself."""
 
     findings: Sequence[Finding]
-    #: the ball's acceleration over the one that the lean implies, with its relative uncertainty
-    lean: tuple[float, float] | None = None
-    gains: Gains | None = None  #: of torques that have no other fault
+    gains: Gains | None = None  #: of torques that have no other fault; None if an earlier check failed
 
 
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
-    """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
+    """Check a log of balancing with the robot's equations, and return findings and the scales of its torques.
 
     Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
     contradicts the ball's acceleration or is not conclusive. Faults within the log need only that it does not
@@ -62,16 +58,16 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     late, motion = delay_findings(log, robot), motion_of(log, robot)
     if motion is None:
         return PhysicsOfLog(findings=late)
-    wrong, lean = check_lean_axes(motion, robot)
+    wrong = check_lean_axes(motion, robot)
     # the balance of torques holds with a motor that fails, and whether or not the lean is conclusive
     if not late and all(item.severity != "error" for item in wrong):
         wrong += check_motors(log, motion, robot)
     driving = None if late or wrong else driving_of(log, motion, robot)
     wrong = [*late, *wrong] or (torque_findings(driving, names=names) if driving else [])
     if wrong or driving is None:
-        return PhysicsOfLog(findings=wrong, lean=lean)
+        return PhysicsOfLog(findings=wrong)
     gains = gains_of(driving)
-    return PhysicsOfLog(findings=gain_findings(gains, names=names), lean=lean, gains=gains)
+    return PhysicsOfLog(findings=gain_findings(gains, names=names), gains=gains)
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
@@ -124,17 +120,6 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     late, before = ("late", "before") if delays[best] > 0.0 else ("early", "after")
     delay = abs(delays[best])
     return judged("torque-delay", names, delay, ms=1000.0 * delay, late=late, before=before)
-
-
-def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
-    """Return how well a robot's logs together bound the scale of its torques, unless they bound it well."""
-    known = [log_physics.gains for log_physics in examined if log_physics.gains is not None]
-    wide, names = together(known).unbounded() if known else {}, torque_names(robot.wheel_count)
-    bounds = ", ".join(
-        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
-        for i, (low, high) in wide.items()
-    )
-    return judged("torque-bound", [names[i] for i in wide], len(wide), bounds=bounds)
 
 
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
@@ -198,37 +183,24 @@ def _fault(names: tuple[str, ...], order: CommandOrder) -> str:
 #: two scales are of different robots if they differ by more than this factor and by more than their uncertainty, and by
 #: this relative uncertainty in addition
 APART, MARGIN = 1.18, 0.03
-_TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
-#: why a scale differs
-_CAUSES = {
-    _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
-    _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
-}
 
 
-def different_robots(examined: Mapping[str, PhysicsOfLog]) -> Iterator[Finding]:
-    """Return an error for each scale in which logs, by their names, differ more than logs of one robot can.
+def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
+    """Return the error of logs, by their names, whose torques' scales differ more than logs of one robot can.
 
     It is on the two that differ most clearly, in the one that is farther from the robot file.
     """
-    torque = {name: log_physics.gains.common() for name, log_physics in examined.items() if log_physics.gains}
-    scales = {
-        _TORQUE: {name: (k, 3.0 * error) for name, (k, error) in torque.items() if np.isfinite(error)},
-        _LEAN: {name: log_physics.lean for name, log_physics in examined.items() if log_physics.lean},
+    common = {name: log_physics.gains.common() for name, log_physics in examined.items() if log_physics.gains}
+    scales = {name: (k, 3.0 * error) for name, (k, error) in common.items() if np.isfinite(error)}
+    margins = {
+        (one, other): abs(np.log(a / b)) - max(a_error + b_error + MARGIN, np.log(APART))
+        for (one, (a, a_error)), (other, (b, b_error)) in combinations(scales.items(), 2)
     }
-    for quantity, of_logs in scales.items():
-        margins = {
-            pair: abs(np.log(a / b)) - max(a_error + b_error + MARGIN, np.log(APART))
-            for pair in combinations(of_logs, 2)
-            for (a, a_error), (b, b_error) in [[of_logs[name] for name in pair]]
-        }
-        pair = max(margins, key=lambda pair: margins[pair], default=None)
-        if pair is None:
-            continue
-        other, odd = sorted(pair, key=lambda name: abs(np.log(of_logs[name][0])))
-        of_odd, of_other = (f"{k:.2f} +- {k * error:.2f}" for k, error in (of_logs[odd], of_logs[other]))
-        for finding in judged(
-            "robots", [], margins[pair], odd=odd, other=other, quantity=quantity, cause=_CAUSES[quantity],
-            factor=of_logs[odd][0] / of_logs[other][0], of_odd=of_odd, of_other=of_other,
-        ):  # fmt: skip
-            yield replace(finding, where=replace(finding.where, file=odd))
+    pair = max(margins, key=lambda pair: margins[pair], default=None)
+    if pair is None:
+        return []
+    other, odd = sorted(pair, key=lambda name: abs(np.log(scales[name][0])))
+    of_odd, of_other = (f"{k:.2f} +- {k * error:.2f}" for k, error in (scales[odd], scales[other]))
+    numbers = {"factor": scales[odd][0] / scales[other][0], "of_odd": of_odd, "of_other": of_other}
+    found = judged("robots", [], margins[pair], odd=odd, other=other, **numbers)
+    return [replace(finding, where=replace(finding.where, file=odd)) for finding in found]

@@ -11,16 +11,16 @@ import numpy as np
 
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
+from ballbot.log.clock import clock_findings
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
 from ballbot.log.evidence import RELATED, SCALED
+from ballbot.log.imu_angles import integral_of
 from ballbot.log.log import Log
 from ballbot.log.units import (
     FEWEST_ROWS,
-    SLOW,
     Agreement,
     agreement,
     change_agreement,
-    integrated,
     unit_of_ratio,
 )
 
@@ -38,14 +38,14 @@ def check_rates(log: Log) -> list[Finding]:
 
     def compared(name: str, other: str) -> Agreement | None:
         """Compare a column's changes over half a second with the integral of a rate."""
-        return change_agreement(log.t, log[name], integrated(log.t, log[f"{other}_dot"]))
+        return change_agreement(log.t, log[name], integral_of(log.t, log[f"{other}_dot"]))
 
     if len(log) < 2:
         return []
     pairs = ("x", "y"), ("theta", "phi")
     clear, findings = _contradictions(compared, names, lambda name: f"{name}_dot", pairs)
     for name in (name for name in names if name not in clear):
-        rate = integrated(log.t, log[f"{name}_dot"])
+        rate = integral_of(log.t, log[f"{name}_dot"])
         correlation, _ = change_agreement(log.t, np.nancumsum(log[name]), rate) or (0.0, 1.0)
         findings += judged("scale: changes", [name], float(correlation >= SCALED), name=name)
     return _time_findings(log, clear) or findings
@@ -102,8 +102,7 @@ def _time_findings(log: Log, ratios: Mapping[str, float]) -> list[Finding]:
         return judged("time-scale", ["t"], max(factor, 1.0 / factor), **numbers)
     # columns that a robot's own sensors and motors give come at the rate of its control
     of_a_run = not {"u1", "theta", "gyro_x", "wheel1"}.isdisjoint(log.names)
-    slow = len(log) >= FEWEST_ROWS and by_t >= SLOW and not ratios and of_a_run
-    return judged("time-scale: slow", ["t"], float(slow), by_t=by_t)
+    return clock_findings(log.t, "--mapping") if len(log) >= FEWEST_ROWS and not ratios and of_a_run else []
 
 
 def _verdict(name: str, rates: str, correlation: float, ratio: float) -> Iterator[Finding]:

@@ -92,9 +92,6 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     "time-scale": ({"error": 1.3},  # factor, or its inverse
         "Positions and angles all change {factor:.3g} times as much as the integrals of their rates over t: {cause}. "
         "By the rates, rows come every {by_rates:.3g} s, by t every {by_t:.4g}."),
-    "time-scale: slow": ({"error": 0},
-        "Rows come every {by_t:.4g} s and no value continues from row to row: t is in ms or another unit, not in "
-        "seconds, or the log was thinned out. No robot balances at such a rate."),
     "sign": ({"error": 0},
         "{name} and {rates} have opposite signs (correlation {correlation:.2f}); negate one of them."),
     "degrees": ({"error": 0}, _IN_UNIT),
@@ -181,14 +178,10 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "The torques are {factor:.2g} times as large as the motion of this robot needs: all are scaled (torque "
         "constant, gear ratio, current or per-unit values in place of N m), the recording clips them, or the robot is "
         "{heavier} than in the robot file."),
-    "torque-bound": ({"warning": 0},
-        "The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} (95 "
-        "%). A wrong torque constant within that would not show, and would change the motor's friction as much. Runs "
-        "that accelerate more bound it better."),
     "robots": ({"error": 0},
-        "{odd} and {other} are of different robots: {quantity} is {factor:.2f} times as large in {odd} (relative to "
-        "the robot file it is {of_odd} in {odd} and {of_other} in {other}). {cause} Use logs of one robot in one "
-        "condition."),
+        "{odd} and {other} are of different robots: the torque that the motion needs is {factor:.2f} times as large in "
+        "{odd} (relative to the robot file it is {of_odd} in {odd} and {of_other} in {other}). One is heavier, or has "
+        "another gear ratio or torque constant. Use logs of one robot in one condition."),
 }  # fmt: skip
 
 

@@ -254,30 +254,10 @@ def check_lean(log: Log) -> Iterator[Finding]:
     rows[fallen[0] if fallen.size else len(rows) :] = False
     # over shorter times a balancing robot's lean has a mean
     if "psi" in log and rows.sum() >= 2 and np.ptp(log.t[rows]) >= 8.0:
-        mean = _resting_lean(log, rows)
-        theta, phi = np.degrees(mean.real), np.degrees(mean.imag)
+        lean_of_body = (log["theta"][rows] + 1j * log["phi"][rows]) * np.exp(-1j * log["psi"][rows])
+        mean = complex(lean_of_body.mean())
+        theta, phi = np.degrees([mean.real, mean.imag])
         yield from judged("lean-offset", _LEAN, abs(mean), theta=theta, phi=phi)
-
-
-def _resting_lean(log: Log, rows: Bools) -> complex:
-    """Return theta + j phi [rad] about the body's axes at zero acceleration.
-
-    Averaged over a second, lean = offset + c a / g with the acceleration a of the ball, which is constant on a circle;
-    c, above one, depends on the robot and is fitted.
-    """
-    t, turn = log.t[rows], np.exp(-1j * log["psi"][rows])
-    lean = (log["theta"][rows] + 1j * log["phi"][rows]) * turn
-    if not {"x_dot", "y_dot"} <= set(log.names):
-        return complex(lean.mean())
-    velocity = np.nan_to_num(log["x_dot"][rows]) + 1j * np.nan_to_num(log["y_dot"][rows])
-    # a positive phi leans towards x, a positive theta away from y
-    pull = 1j * np.gradient(velocity, t) * turn
-    starts = np.unique(np.floor(t - t[0]), return_index=True)[1]
-    counts = np.diff(np.append(starts, len(t)))
-    lean, pull = (np.add.reduceat(signal, starts) / counts for signal in (lean, pull))
-    centred = pull - pull.mean()
-    slope = float(np.vdot(centred, lean).real) / max(float(np.vdot(centred, centred).real), 1e-12)
-    return complex(lean.mean() - slope * pull.mean())
 
 
 def check_stuck(log: Log) -> Iterator[Finding]:
@@ -290,7 +270,7 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         return
     torques = [name for name in _TORQUES if name in log and {*STATE_NAMES} <= set(log.names)]
     noisy = [n for n in log.names if n.startswith(("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_"))]
-    together: list[tuple[int, int, list[str]]] = []  # the columns that are constant between two rows
+    together: dict[tuple[int, int], list[str]] = {}  # the columns that are constant between two rows
     for name in (*noisy, *torques):
         values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
         starts, lengths = runs_of(values)
@@ -298,18 +278,13 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         end, live = start + rows, len(starts) - 1 >= LIVE_FRACTION * (len(log) - rows) > 0
         extreme = name in torques and 0.999 * np.nanmax(np.abs(values)) <= abs(values[start]) > 0.0
         if rows >= max(STUCK_ROWS, shortest / log.sample_time) and live and not extreme:
-            near = [names for a, b, names in together if max(abs(a - start), abs(b - end)) <= 2]
-            if near:
-                near[0].append(name)
-            else:
-                together.append((start, end, [name]))
-    for start, end, names in together:
+            together.setdefault((start, end), []).append(name)
+    for (start, end), names in together.items():
         of_motors, parts = set(names) <= set(torques), {name: log[name][start:end] for name in log.names}
         others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
         moved = any(np.nanstd(parts[name]) > MOVING * np.nanstd(log[name]) for name in others)
         moved |= any(abs(parts[n][0]) > MOVING * np.nanstd(log[n]) for n in _RATES if n in names)
-        off, half = of_motors and not any(parts[name].any() for name in torques), (end - start) / 2
-        moved |= of_motors and any(runs_of(parts[n])[1].max() < half for n in torques if n not in names)
+        off = of_motors and not any(parts[name].any() for name in torques)
         if moved or not of_motors:
             what = "a motor is dead" if of_motors else "the sensor or the logger froze"
             cause = "the motors were off" if off else f"messages were lost, or {what}"

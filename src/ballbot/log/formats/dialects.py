@@ -109,14 +109,17 @@ def read_long_table(path: str | Path) -> Columns | None:
 def unpadded_times(cells: list[str]) -> Floats | None:
     """Return the seconds (N,) of a clock that prints seconds, a point and a fraction as two whole numbers.
 
-    The fraction is in ms, us or ns by its most digits; other cells become NaN. None if these are most, or time goes
-    back.
+    The fraction is in ms, us or ns by its most digits; other cells become NaN. None if these are most, time goes back,
+    or no second passes.
     """
     parts = [re.fullmatch(r"(\d+)\.(\d{1,9})", cell) for cell in cells]
     unit = 10.0 ** (3 * -(-max((len(part[2]) for part in parts if part), default=0) // 3))
     times = np.array([int(part[1]) + int(part[2]) / unit if part else np.nan for part in parts])
     known = times[np.isfinite(times)]
-    return times if 2 * len(known) > len(cells) and (np.diff(known) >= 0.0).all() else None
+    passes = (
+        2 * len(known) > len(cells) and bool((np.diff(known) >= 0.0).all()) and known[-1] >= known[0] // 1 + 1
+    )
+    return times if passes else None
 
 
 def seconds_of(cell: str) -> float | None:

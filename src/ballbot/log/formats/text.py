@@ -51,33 +51,23 @@ class TextLayout:
     rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Head:
-    """What the first lines of a table show."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignTable:
+    """The columns of a foreign file, and what its first lines show (`read_head`)."""
 
-    layout: TextLayout
-    rows: int = 0  #: that consist of numbers
-    named: bool = False  #: whether a line is above them
+    columns: Columns = field(default_factory=dict)
+    layout: TextLayout = TextLayout()
+    rows: int = 0  #: of the first lines that consist of numbers
+    named: bool = True  #: whether the file has a header
     #: lines down to the one with the names, or units; None if no line has a name for each column
     above: int | None = None
-    problems: tuple[str, ...] = ()  #: sentences on missing or unusable names
+    notes: tuple[str, ...] = ()  #: sentences on anomalies of the file, such as missing or unusable names
     units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the names gives them
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The columns' names."""
+        """The columns' names by the layout."""
         return self.layout.names or ()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ForeignTable:
-    """The columns of a foreign file, and the layout that was inferred."""
-
-    columns: Columns
-    layout: TextLayout = TextLayout()
-    named: bool = True  #: whether the file has a header
-    notes: tuple[str, ...] = ()  #: sentences on anomalies of the file
-    units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the header has them
 
     def need_names(self, source: object, example: str) -> None:
         """Raise InputError, with an example of what to give as --columns, if the file has no header."""
@@ -129,7 +119,8 @@ def read_text_table(
             cells = [_value(str(cell), layout) for cell in cells]
             words[:, i] = [cell is None for cell in cells]
         table[:, i] = np.array(cells, dtype=np.float64)  # None becomes NaN
-        if _steps_back_within_a_second(table[:, i]):
+        known = table[np.isfinite(table[:, i]), i]
+        if (np.diff(known) < 0.0).any() and (np.diff(np.floor(known)) >= 0.0).all():
             mark = SEPARATORS[layout.separator]
             stamps = [split_cells(line, mark)[i].replace(",", ".") for line in rows.values()]
             if (times := unpadded_times(stamps)) is not None:
@@ -171,15 +162,6 @@ def read_text_table(
     return {names[i]: np.ascontiguousarray(table[:, i]) for i in np.flatnonzero(~omitted)}
 
 
-def _steps_back_within_a_second(values: Floats) -> bool:
-    """Return whether values go back though their whole seconds increase."""
-    known = values[np.isfinite(values)]
-    increase = np.diff(np.floor(known))
-    return bool(
-        (np.diff(known) < 0.0).any() and (increase >= 0.0).all() and increase.any() and known[0] >= 0.0
-    )
-
-
 def _text_of(path: str | Path) -> str:
     text = read_text(path, largest=LARGEST_TABLE)
     if not text.strip():
@@ -198,7 +180,7 @@ def read_own_table(path: str | Path, notes: list[str] | None = None) -> Columns:
         layout = replace(head.layout, names=None, header_lines=1)
     else:  # a row with a word is one, and no part of the header
         layout = replace(head.layout, header_lines=head.above)
-        for problem in head.problems:
+        for problem in head.notes:
             if problem.endswith("appears twice."):
                 raise InputError(f"{path}: {problem[0].lower()}{problem[1:]}")
     return read_text_table(path, layout, used={*KNOWN_NAMES, *native_columns(head.names)}, notes=notes)
@@ -219,17 +201,17 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         raise InputError(
             f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
         )
-    notes = [] if given_names else list(head.problems)
+    notes = [] if given_names else list(head.notes)
     layout = replace(head.layout, names=names, damaged_rows="drop")
     columns = read_text_table(path, layout, notes=notes)
     if not any(text.startswith("Skipped") for text in notes):
         layout = replace(layout, damaged_rows="refuse")
     named = bool(given_names) or head.named
-    return ForeignTable(layout=layout, columns=columns, named=named, notes=tuple(notes), units=head.units)
+    return replace(head, columns=columns, layout=layout, named=named, notes=tuple(notes))
 
 
-def read_head(path: str | Path) -> Head:
-    """Return what the first lines of a table show; InputError if the file cannot be read or is empty."""
+def read_head(path: str | Path) -> ForeignTable:
+    """Return what the first lines of a table show, without columns; InputError if it cannot be read or is empty."""
     text = _text_of(path)
     lines = text[:_HEAD].split("\n")
     lines = lines[:-1] if len(text) > _HEAD and len(lines) > 1 else lines  # the last is cut
@@ -239,7 +221,7 @@ def read_head(path: str | Path) -> Head:
     cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
     rows = [row for row in cells if _is_row(row, layout)]
     if not rows:
-        return Head(layout=replace(layout, names=tuple(cells[0])))
+        return ForeignTable(layout=replace(layout, names=tuple(cells[0])))
     width = max(map(len, rows))
     if mark and width > 1 and not any(row[-1] for row in rows if len(row) == width):
         # a separator at the end of lines
@@ -266,13 +248,13 @@ def read_head(path: str | Path) -> Head:
     below = [] if named is None or named + 1 >= first else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     above = first if labels else None if named is None else named + 1 + bool(units)
-    return Head(
+    return ForeignTable(
         layout=replace(layout, names=tuple(names), header_lines=first),
         rows=len(rows),
         # a greeting is no header
         named=named is not None or abs(len(words[-1]) - width) < 0.5 * width,
         above=above,
-        problems=tuple(problems),
+        notes=tuple(problems),
         units=units,
     )
 

@@ -1,7 +1,6 @@
 """What a foreign log's names, units and motion show of its columns, wheels, IMU and commands.
 
 names       what the names of columns say, and which column is which quantity
-units       units by headings, else by what physics supports
 motion      what the sensors show, with the units that fit them
 commands    which command drives which wheel, with which sign, in which scale, how late
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ballbot.arrays import Bools, Floats
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, confidence_in
+from ballbot.log.evidence import CONFIDENT, ERRORS_WEIGHT, RELATED, SCALED, confidence_in
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
     AngleSequence,
@@ -35,7 +35,6 @@ from ballbot.log.signals import (
     even_rows,
     frozen_rows,
     new_messages,
-    repaired_noise,
     sampling_times,
     smooth,
     speed_noise,
@@ -52,8 +51,8 @@ IMPOSSIBLE_SPEED = 3.0
 #: filters that the tests of the lean and of the gyro try [s]: the wheels of light robots move quickly, and encoders of
 #: heavy ones are coarse
 WIDTHS = (0.05, 0.12, 0.2)
-#: times are repaired if that leaves less than this part of the speed's noise, judged by so many rows
-WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
+#: times are repaired if that leaves less than this part of the speed's noise
+WORTH_REPAIRING = 0.7
 #: rows whose intervals differ by less than this part need no repair
 EVEN_TIMES = 0.01
 #: how far the gain of a gyro that follows the rates of the angles may be off [log]
@@ -207,7 +206,10 @@ def motion_of_file(base: Columned) -> SensedMotion:
         motion = _with_units(base, raw, wrap, units)
         tested = motion.tested
         gain = tested.placements[0].gain if tested and tested.confidence > 0.5 else None
-        turning = tested.heading.turning if tested and tested.heading else None
+        heading = tested and tested.heading
+        # the wheels may not plainly follow it
+        plain = heading and abs(heading.correlation) > SCALED and heading.confidence >= CONFIDENT
+        turning = heading.gain if heading and plain else None
         likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
     assert motion is not None
     return replace(motion, likely=likely)
@@ -299,15 +301,13 @@ def _best_tested(robot: Robot, tried: Sequence[Signals]) -> tuple[Signals, LeanT
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:
     """Return when the rows were sampled [s], and the speeds' noise before and after if that was estimated."""
-    judged = slice(0, REPAIR_ROWS)
-    steps = np.diff(t[judged])
-    before = speed_noise(t[judged], angles[judged])
-    if before is None or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
+    steps, before = np.diff(t), speed_noise(t, angles)
+    if math.isnan(before) or float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps)):
         return t, None
-    after = repaired_noise(t[judged], angles[judged])
-    if after is None or after > WORTH_REPAIRING * before:
-        return t, None
-    return sampling_times(t, angles), (before, after)
+    times = sampling_times(t, angles)
+    # in every row its time takes up the error of one wheel
+    after = speed_noise(times, angles) / math.sqrt(1.0 - 1.0 / angles.shape[1])
+    return (times, (before, after)) if after <= WORTH_REPAIRING * before else (t, None)
 
 
 def _signals(base: Columned, wheels: Smooth, angles: Smooth | None, rates: Smooth | None) -> Signals:

@@ -225,29 +225,24 @@ def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     return ("wheel angle", 0.65) if present & (angle | {"wheel", "wheels", "whl"}) else ("other", 0.0)
 
 
-def unit_in_name(name: str) -> str | None:
-    """Return the unit that a column's name has, or is, as `UNITS` has it or brackets at its end; None if it has none.
+def stated_unit(name: str, units: Mapping[str, str]) -> str | None:
+    """Return the unit, a key of `UNITS`, of a column by the row of units below the names, or by its name; else None.
 
-    A single letter at the end does not count as a unit: position_m may be the motor's.
+    The name has it in brackets at its end, or as `UNITS` spells it; a single letter at the end does not count as a
+    unit: position_m may be the motor's.
 
-    >>> [unit_in_name(name) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
+    >>> [stated_unit(name, {}) for name in ("speed [rpm]", "rpm", "angleDeg", "F [kN]", "position_m", "velocity")]
     ['rpm', 'rpm', 'deg', 'kN', None, None]
     """
     bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", name)
-    if bracketed:
-        return unit_spelled(bracketed.group(1)) or bracketed.group(1).strip() or None
+    if given := units.get(name, "").strip("[](){}<> ") or (bracketed[1].strip() if bracketed else ""):
+        unit = unit_spelled(given) or given
+        return unit if unit in UNITS else None
     parts = re.split(r"[^\w/%°²]|_", name)
     before, unit = unit_at_the_end(["", *parts])
     if unit is None:
         return _words_and_unit(name)[1]
     return unit if len("".join(parts[len(before) - 1 :])) > 1 else None
-
-
-def stated_unit(name: str, units: Mapping[str, str]) -> str | None:
-    """Return the unit, a key of `UNITS`, of a column by the row of units below the names or by its name; else None."""
-    row = units.get(name, "").strip("[](){}<> ")
-    unit = unit_in_name(f"[{row}]" if row else name)
-    return unit if unit in UNITS else None
 
 
 def _words_and_unit(name: str) -> tuple[list[str], str | None]:
@@ -446,8 +441,8 @@ ATTITUDE_LOOKS = ("a quaternion", "angles of 0 to 360 degrees")
 _NEAR_ENDS = 0.05
 
 
-def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str]:
-    """Return the columns without a role, each with what its values look like; empty if they do not show it."""
+def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, list[str]]:
+    """Return the columns without a role by what their values look like, which is empty if they do not show it."""
     used = {roles.time, *roles.attitude, *roles.angles, *roles.commands, *roles.gyro, *roles.quaternion}
     rest = {name: values for name, values in columns.items() if name not in used | {*QUATERNION_ANGLES}}
     looks, names = dict[str, str](), list(rest)
@@ -461,7 +456,7 @@ def unread_columns(columns: Mapping[str, Floats], roles: Roles) -> dict[str, str
     for k in range(len(names) - 3):
         if is_quaternion(np.column_stack([rest[name] for name in names[k : k + 4]])):
             looks |= dict.fromkeys(names[k : k + 4], ATTITUDE_LOOKS[0])
-    return looks
+    return {look: [name for name in looks if looks[name] == look] for look in dict.fromkeys(looks.values())}
 
 
 def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
