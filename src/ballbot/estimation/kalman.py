@@ -161,6 +161,7 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
         start_covariances=np.array([-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2]),
         pivoting_share=min(1.0, h / noise.pivoting_time),
+        pivoted_share=min(1.0, h / noise.pivoted_time),
         # of white noise, over that of its mean
         pivoting_variance=2.0 * noise.pivoting_time / h,
     )

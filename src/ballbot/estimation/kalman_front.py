@@ -17,6 +17,7 @@ from ballbot.estimation.kalman_model import (
     NUMBERS,
     PIVOTING,
     PIVOTING_SEEN,
+    PIVOTED_SHARE,
     PIVOTING_SHARE,
     PIVOTING_VARIANCE,
     SHOWN,
@@ -136,7 +137,7 @@ def see(row, filters, lane, memory, state):
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
     elif memory.missed == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
-        memory.pivoted += row[PIVOTING_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
+        memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING
     for i in range(3):
         filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]

@@ -93,8 +93,8 @@ class FilterNoise:
     #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
     #: sum of squares over the wheels
     counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: over which what they show is averaged, and the squares of that mean, which add to that density [s]
-    pivoting_time: float = 1.0
+    pivoting_time: float = 0.5  #: over which what they show is averaged [s]
+    pivoted_time: float = 2.0  #: over which that mean's squares are averaged, which add to that density [s]
     start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
@@ -416,6 +416,7 @@ class KalmanRecord:
     #: of a with g, and of psi with psi_a
     start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
+    pivoted_share: float = field(metadata=number("1"))  #: of that mean's square in the mean of the squares
     #: variance that Omega_z has besides, over the mean of that mean's squares
     pivoting_variance: float = field(metadata=number("1"))
 
@@ -428,7 +429,8 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
 _LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
-PIVOTING_SHARE, PIVOTING_VARIANCE = _PLACE["pivoting_share"], _PLACE["pivoting_variance"]
+PIVOTING_SHARE, PIVOTED_SHARE = _PLACE["pivoting_share"], _PLACE["pivoted_share"]
+PIVOTING_VARIANCE = _PLACE["pivoting_variance"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
 _GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "a1bc2bea1c4460290dd0b8cdd7626300d26afc4d2ab20a7601d1577f8652b685"
+#define BALLBOT_SCHEMA_DIGEST "4421353f75e6eee1613ed74a9652782c1bf4b3c978c90c8d5edb4dc1feed1cb7"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 565980138, 474243113, 231782605, 1466065664, 1382743117, 716311158, 30496639, 106083973 }
+#define BALLBOT_SCHEMA_WORDS { 1143027007, 1978068705, 1631508298, 374503468, 469021641, 2026441869, 1591430593, 2129468599 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -231,9 +231,10 @@ struct ballbot_kalman_record {
     float start_variances[14]; /* [square of the state] */
     float start_covariances[3]; /* [1, rad^2] */
     float pivoting_share; /* [1] */
+    float pivoted_share; /* [1] */
     float pivoting_variance; /* [1] */
 };
-typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 66u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 67u * sizeof(float)) ? 1 : -1];
 
 /* The numbers of one controller. */
 struct ballbot_parameters {
@@ -248,7 +249,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1520u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1521u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

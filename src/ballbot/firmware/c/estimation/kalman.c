@@ -183,7 +183,7 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
     absorb(memory, &seen);
     if (ballbot_is_known(seen.residual[PIVOTING_SEEN])) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
-        memory->pivoted += record->pivoting_share * (memory->pivoting * memory->pivoting - memory->pivoted);
+        memory->pivoted += record->pivoted_share * (memory->pivoting * memory->pivoting - memory->pivoted);
     }
 }
 
