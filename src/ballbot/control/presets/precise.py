@@ -43,9 +43,13 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 
 #: of a motion: the friction that the motors carry beside it, over the break-away torque; its lean [rad]; the rate of
 #: its lags over that at which the robot falls
-MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.92
-#: of the step response of four lags w, when its second derivative is largest: what it has passed, and that over w^2
-_PASSED, _BENT = 0.0395, 0.1307
+MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.7
+#: of a step of v' that five lags of that rate follow: how far s'' - s''''/p^2 goes the other way at first, over the
+#: step
+_AGAINST = 0.2194
+#: of a motion's approach: its rate by the root of the offset of s from the position over s''. With 1, what goes with
+#: that rate is not seen in the position; with more it comes sooner, by up to 2 mm too far on the presets
+MOTION_APPROACH = 1.4
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
@@ -145,7 +149,7 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
     # it is largest when the motion changes from accelerating to braking
-    largest = second * (1.0 + (1.0 + BRAKING) * (_BENT * MOTION_RATE**2 - _PASSED))
+    largest = second * (1.0 + (1.0 + BRAKING) * _AGAINST)
     acceleration = max(min(left / largest, by_lean), MOTION_LEAST * by_lean)
     rolling = frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2]
     motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=1).max()
@@ -153,6 +157,7 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
         frequency=_rounded(MOTION_RATE * falling),
         speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
         acceleration_limit=_rounded(acceleration),
+        approach_rate=_rounded(MOTION_APPROACH / math.sqrt(np.linalg.norm(needed.offset, 2))),
     )
 
 
