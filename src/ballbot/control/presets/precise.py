@@ -43,12 +43,12 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 
 #: of a motion: the friction that the motors carry beside it, over the break-away torque; its lean [rad]; the rate of
 #: its lags over that at which the robot falls
-MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.7
+MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.92
 #: of a step of v' that five lags of that rate follow: how far s'' - s''''/p^2 goes the other way at first, over the
 #: step
-_AGAINST = 0.2194
+_AGAINST = 0.2894
 #: of a motion's approach: its rate by the root of the offset of s from the position over s''. With 1, what goes with
-#: that rate is not seen in the position; with more it comes sooner, by up to 2 mm too far on the presets
+#: that rate is not seen in the position; with more it comes sooner, by up to 3 mm too far on the presets
 MOTION_APPROACH = 1.4
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
