@@ -50,6 +50,7 @@ CAMPAIGNS = {
     "limits": "campaigns.limits",
     "factors": "campaigns.controller_factors",
     "pivoting": "campaigns.pivoting",
+    "error_budget": "campaigns.error_budget",
     "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",

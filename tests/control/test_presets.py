@@ -1,6 +1,7 @@
 """Kinds of controllers: each is one file, found by its name wherever a controller is named."""
 
 from dataclasses import replace
+from math import factorial
 
 import numpy as np
 import pytest
@@ -104,3 +105,20 @@ def test_the_observer_adds_no_more_than_a_share_of_what_the_robot_may_command(na
     observer = precise_controller(robot).parts.disturbance_observer
     assert observer is not None
     assert observer.limit == pytest.approx(limit, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["alten", "rob311"])
+def test_a_motion_that_changes_into_braking_asks_no_more_than_the_motors_have(name: str):
+    robot = as_robot(name).replace(friction=assumed_friction(name))
+    controller = precise_controller(robot)
+    shaping, needed = controller.parts.shaping, controller.record["feed_forward"][0]
+    assert shaping is not None
+    a, g = shaping.acceleration_limit, np.linspace(0.0, 20.0, 2001)
+    # s'' and s'''' as five lags follow a change from the limit of acceleration to 0.875 of it backward
+    parts = [g**k / factorial(k) * np.exp(-g) for k in range(5)]
+    second = a * (1.0 - 1.875 * (1.0 - np.sum(parts, axis=0)))
+    fourth = -1.875 * a * shaping.frequency**2 * (parts[3] - parts[4])
+    torques = second[:, None, None] * needed["by_second"] + fourth[:, None, None] * needed["by_fourth"]
+    largest = np.linalg.norm(torques, axis=2).max()
+    left = grip_torque_limit(robot) - 1.25 * max(robot.friction.breakaway)
+    assert 0.98 * left < largest < 1.005 * left  # settings have three digits

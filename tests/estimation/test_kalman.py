@@ -119,7 +119,7 @@ class Dense:
     def __init__(self, model: KalmanRecord, gyro: NDArray[np.float64], shown: NDArray[np.float64]) -> None:
         lever, pull = (tuple(map(tuple, one.tolist())) for one in (model.lever, model.pull))
         self.model, self.gyro, self.shown = model, tuple(gyro), shown
-        self.numbers = Numbers(model.sample_time, model.radius, (), lever, pull, model.forgotten)
+        self.numbers = Numbers(model.sample_time, model.radius, (), lever, pull, 0.0, model.forgotten)
 
     def moved(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         change, v = (np.array(one) for one in motion(self.numbers, tuple(x), self.gyro))

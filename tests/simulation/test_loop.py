@@ -157,7 +157,9 @@ IMPERFECTIONS = {
     "torque noise": {"torque_noise": 0.05},
     "lag": {"lag": 0.002},
     "supply": {"supply": WEAK},
-    "rollers": {"contacts": RollerContacts(rollers=ROBOT.wheels.rollers, give=2e-6, grip=1.0, creep=3e4)},
+    "rollers": {
+        "contacts": RollerContacts(rollers=ROBOT.wheels.rollers, give=2e-6, creep=3e4, relaxation=0.0)
+    },
     "load dependence": {"load_dependence": 0.5},
     "slope": {"slope": (0.02, -0.01)},
     "imbalance": {"imbalance": (0.05, 0.02)},
@@ -229,7 +231,7 @@ def test_what_a_batch_cannot_run_is_refused(model, imperfections, words):
 
 
 #: rollers of two rings on contacts that hardly give way
-ROLLERS = RollerContacts(rollers=ROBOT.wheels.rollers, give=1e-9, grip=1.0, creep=3e4)
+ROLLERS = RollerContacts(rollers=ROBOT.wheels.rollers, give=1e-9, creep=3e4, relaxation=0.0)
 
 
 def torques_behind(robot, change):
@@ -290,7 +292,7 @@ def test_rollers_of_both_rings_brake_a_turning_ball():
     robot = alten()
     turning = np.zeros(10)
     turning[9] = 1.0
-    softest = RollerContacts(rollers=robot.wheels.rollers, give=1.0, grip=0.0, creep=1e9)
+    softest = RollerContacts(rollers=robot.wheels.rollers, give=1.0, grip=0.0, creep=1e9, relaxation=0.0)
     starts = np.tile(turning, (400, 1))
     braked, free = (
         ran(None, Imperfections(contacts=replace(softest, grip=grip)), robot=robot, starts=starts)

@@ -34,7 +34,7 @@ def _beside_own_model(*, logs: int, duration: float) -> list[WholeLog]:
         imperfections=Imperfections(
             sensors=SENSORS,
             backlash=robot.drive.backlash,
-            contacts=RollerContacts.of_rubber(robot.wheels.rollers),
+            contacts=RollerContacts(rollers=robot.wheels.rollers),
             seed=5,
         ),
     )

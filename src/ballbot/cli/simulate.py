@@ -56,7 +56,7 @@ def simulate(
     warn_of_idle_compensation(controller, driver)
     truth = None if scenario is None else load_scenario(scenario, described)
     if truth is not None:
-        notice(f"Left out: {', '.join(left_out(truth, identified=True))}.")
+        notice(f"Left out: {', '.join(left_out(truth, identified=not described.friction.roller_softness))}.")
     with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=seed) as result:
         log = run(
             Model(described, formulation),

@@ -2,8 +2,8 @@
 
 Unlike `OnboardState` it knows that a ball that does not pivot turns under the wheels as the body turns over it, so that
 encoders hold the heading and show the gyro's bias about the vertical; that the angular momentum about the floor's
-contact changes by gravity alone, which gives speed from lean and lean from speed whatever the driveline does; and how
-sure it is of each state, so that a fix corrects each by as much as it should.
+contact changes by gravity and rolling friction alone, which gives speed from lean and lean from speed whatever the
+driveline does; and how sure it is of each state, so that a fix corrects each by as much as it should.
 
 Missing values (NaN) are predicted: the gyro stays as it was, encoders or attitude do not correct that sample.
 Without a fix, position and heading stay relative to the start, and their covariance grows until they are unknown by
@@ -63,8 +63,8 @@ def _update(code, record, work, memory, ball_from_wheels, shown, state):
 class KalmanFilter:
     """An extended Kalman filter of 14 states, updated every `sample_time` [s] without look-ahead.
 
-    The robot's friction is not used; its noise is `FilterNoise.of(robot)` by default. InputError if the sample time is
-    not positive.
+    Of the robot's friction only the ball's on the floor is used; its noise is `FilterNoise.of(robot)` by default.
+    InputError if the sample time is not positive.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> None:
@@ -139,6 +139,7 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
     # before the first reading: it sets the attitude, errors and all
     start[X : X + 2] = noise.start_position**2
     start[BIAS : BIAS + 3] = noise.gyro_bias**2
+    start[BIAS + 2] = noise.heading_bias**2
     start[S : S + 2] = noise.start_speed**2
     start[LEAN_ERROR : LEAN_ERROR + 2] = noise.lean_error**2
     start[G : G + 2] = noise.attitude**2 + noise.lean_error**2
@@ -151,6 +152,7 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         ball_turn=transforms(robot).T_obw * encoder_step(robot),
         lever=momentum.lever,
         pull=momentum.pull,
+        rolling=momentum.rolling,
         forgotten=-math.expm1(-h / noise.lean_error_time),
         gyro_variance=noise.gyro**2,
         walk=walk,
@@ -159,6 +161,7 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
         start_covariances=np.array([-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2]),
         pivoting_share=min(1.0, h / noise.pivoting_time),
+        pivoted_share=min(1.0, h / noise.pivoted_time),
         # of white noise, over that of its mean
         pivoting_variance=2.0 * noise.pivoting_time / h,
     )

@@ -15,6 +15,7 @@ from ballbot.estimation.kalman_model import (
     GYRO,
     GYRO_BEFORE,
     NUMBERS,
+    PIVOTED_SHARE,
     PIVOTING,
     PIVOTING_SEEN,
     PIVOTING_SHARE,
@@ -53,6 +54,7 @@ class FilterMemory:
     gyro: Floats = field(metadata=number("rad/s", 3))
     #: lately, of the ball on the spot as the wheels have it
     pivoting: float = field(metadata=number("rad/s"))
+    pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
 
 
 FILTER_MEMORY = schema_of(FilterMemory)
@@ -78,7 +80,7 @@ def _put(filters, row, lane, complete, numbers):
 def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
-    memory.pivoting = 0.0
+    memory.pivoting = memory.pivoted = 0.0
     for k in range(2):
         memory.position[k] = position[k]
 
@@ -119,7 +121,7 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     _put(filters, _WHEELS, lane, turned, ball_rate(ball_from_wheels, n, memory.speeds))
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
     # the more the ball lately turned on the spot by the wheels, the less they correct the heading
-    pivoted = row[PIVOTING_VARIANCE] * memory.pivoting * memory.pivoting
+    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted
     filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
@@ -135,6 +137,7 @@ def see(row, filters, lane, memory, state):
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
     elif memory.missed == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
+        memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING
     for i in range(3):
         filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]

@@ -11,7 +11,7 @@
 
     motion        w = gyro - b                   g_dot = g x w
                   psi_dot = w . (g + e_z) / (1 + g_z)
-                  v = s - C w                    s_dot = -Lambda g - psi_dot e_z x s
+                  v = s - C w                    s_dot = -Lambda (g + kappa v/|v|) - psi_dot e_z x s
                   (x, y)_dot = Rz(psi) v         a_dot = -a / tau,  psi_a_dot = psi_dot + r
 
     the wheels    Omega = M(g) (T_obw wheel_speed + w)      the ball's angular velocity, heading frame
@@ -19,10 +19,10 @@
     the AHRS      g + a,  psi_a
     a fix         x, y, psi
 
-C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but position and heading is in frames that
-turn with the robot. With velocity or lean in the world frame, each new linearisation point would create
-spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was wrong by 3 to
-6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
+C, Lambda and kappa are those of `ballbot.mechanics.model.contact_momentum`. F leaves kappa out. All but position and
+heading is in frames that turn with the robot. With velocity or lean in the world frame, each new linearisation point
+would create spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was
+wrong by 3 to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2.
 
 The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
 for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
@@ -58,6 +58,7 @@ from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
 from ballbot.mechanics.engine.tracing import either, greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, inner, scale, subtract, summed
+from ballbot.mechanics.floor import SLOW
 from ballbot.mechanics.geometry import transforms
 from ballbot.records import MAX_WHEELS, number, schema_of
 from ballbot.robot import Robot
@@ -82,16 +83,18 @@ class FilterNoise:
     heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
     heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
     gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
+    heading_bias: float = gyro_bias  #: about the body's axis: the AHRS's drift, if that is less [rad/s]
     gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
     lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
     lean_error_time: float = 10.0  #: correlation time of that error [s]
-    push: float = 0.02  #: of the momentum, by external pushes [m/s/sqrt(s)]
+    push: float = 0.014  #: of the momentum, by external pushes [m/s/sqrt(s)]
     rolling: float = 1e-3  #: of the distance by the wheels: rollers, play, slip [m/sqrt(s)]
-    pivoting: float = 5e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
+    pivoting: float = 3e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
     #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
     #: sum of squares over the wheels
     counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pivoting_time: float = 0.5  #: over which what they show is averaged: its square adds to that density [s]
+    pivoting_time: float = 0.5  #: over which what they show is averaged [s]
+    pivoted_time: float = 2.0  #: over which that mean's squares are averaged, which add to that density [s]
     start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
@@ -109,6 +112,7 @@ class FilterNoise:
             pivoting=math.hypot(FilterNoise.pivoting, _CREEP / arm if arm else 0.0),
             counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),
             gyro=max(sensors.gyro_noise, 1e-5),
+            heading_bias=min(abs(sensors.heading_drift) or math.inf, FilterNoise.gyro_bias),
             attitude=max(sensors.attitude_noise, 1e-5),
             heading_drift=max(abs(sensors.heading_drift), 1e-5),
         )
@@ -141,11 +145,12 @@ class Numbers(NamedTuple):
     ball_turn: tuple
     lever: tuple
     pull: tuple
+    rolling: float
     forgotten: float
 
 
 _THREE, _TWO = (0.0, 0.0, 0.0), (0.0, 0.0)
-MODEL_SHAPE = Numbers(0.0, 0.0, ((0.0,) * MAX_WHEELS,) * 3, (_THREE, _THREE), (_TWO, _TWO), 0.0)
+MODEL_SHAPE = Numbers(0.0, 0.0, ((0.0,) * MAX_WHEELS,) * 3, (_THREE, _THREE), (_TWO, _TWO), 0.0, 0.0)
 
 # --- the motion ---
 
@@ -201,10 +206,12 @@ def motion(model, x, gyro):
     # second order: the rates at the sample's middle
     lean = _ahead(g, lean_rate(g, w), 0.5 * h)
     turning = heading_rate(lean, w)
-    momentum = _ahead(s, _momentum_rate(s, g, turning, model.pull), 0.5 * h)
+    v = subtract(s, (dot(model.lever[0], w), dot(model.lever[1], w)))
+    braked = scale(v, model.rolling / greatest(root(inner(v, v)), SLOW))
+    momentum = _ahead(s, _momentum_rate(s, add(g, braked), turning, model.pull), 0.5 * h)
     by_g = scale(lean_rate(lean, w), h)
-    by_s = scale(_momentum_rate(momentum, lean, turning, model.pull), h)
-    v = tuple(s[i] + 0.5 * by_s[i] - dot(model.lever[i], w) for i in (0, 1))
+    by_s = scale(_momentum_rate(momentum, add(lean, braked), turning, model.pull), h)
+    v = add(v, scale(by_s, 0.5))
     by_a = scale(x[LEAN_ERROR : LEAN_ERROR + 2], -model.forgotten)
     return (0.0, 0.0, 0.0, 0.0) + by_a + by_g + by_s + (h * turning, h * (turning + x[DRIFT])), v
 
@@ -398,6 +405,7 @@ class KalmanRecord:
     ball_turn: Floats = field(metadata=number("rad", 3, MAX_WHEELS))  #: T_obw of one encoder count
     lever: Floats = field(metadata=number("m", 2, 3))  #: C
     pull: Floats = field(metadata=number("m/s^2", 2, 2))  #: Lambda
+    rolling: float = field(metadata=number("1"))  #: kappa
     forgotten: float = field(metadata=number("1"))  #: 1 - exp(-h / tau) of the slow lean error
     gyro_variance: float = field(metadata=number("rad^2/s^2"))  #: of a sample
     #: variance that each state gains in a sample by itself
@@ -408,7 +416,8 @@ class KalmanRecord:
     #: of a with g, and of psi with psi_a
     start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
-    #: variance that Omega_z has besides, over the square of that mean
+    pivoted_share: float = field(metadata=number("1"))  #: of that mean's square in the mean of the squares
+    #: variance that Omega_z has besides, over the mean of that mean's squares
     pivoting_variance: float = field(metadata=number("1"))
 
 
@@ -420,7 +429,8 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
 _LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
-PIVOTING_SHARE, PIVOTING_VARIANCE = _PLACE["pivoting_share"], _PLACE["pivoting_variance"]
+PIVOTING_SHARE, PIVOTED_SHARE = _PLACE["pivoting_share"], _PLACE["pivoted_share"]
+PIVOTING_VARIANCE = _PLACE["pivoting_variance"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
 _GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS

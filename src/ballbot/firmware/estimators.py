@@ -49,6 +49,7 @@ class KalmanMemory:
     wheel_counts: Ints = field(metadata=whole(MAX_WHEELS))
     gyro: Floats = field(metadata=number("rad/s", 3))
     pivoting: float = field(metadata=number("rad/s"))
+    pivoted: float = field(metadata=number("rad^2/s^2"))
     x: Floats = field(metadata=number("state", STATES))
     rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
     P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance

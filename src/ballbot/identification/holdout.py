@@ -22,6 +22,7 @@ from ballbot.identification.excitation import chatter_findings
 from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
 from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
+from ballbot.identification.rollers import as_its_friction
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
@@ -159,7 +160,7 @@ def cross_validate(found: Identification, log: LogLike, *, name: str) -> Holdout
     True
     """
     predictor, log = found.predictor, as_log(log)
-    log = without_encoder_lag(log, predictor.robot)
+    log = as_its_friction(without_encoder_lag(log, predictor.robot), found.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
     if not len(windows):

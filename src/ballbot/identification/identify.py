@@ -42,6 +42,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
+from ballbot.identification.rollers import on_points
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
@@ -173,12 +174,13 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
+    prepared, softness = on_points([*checked.logs.values()], robot)
+    robot = robot.replace({"friction.roller_softness": softness})
+
     def fitted(name: str, start: Identification | None) -> Identification:
-        own = robot_by_law(robot, name, free=free)
+        own, settings = robot_by_law(robot, name, free=free), replace(options, warm_start=start)
         coordinates = estimated_parameters(own, free=free, law=name, bounds=within)
-        return _identified(
-            own, coordinates, checked, name, window, options=replace(options, warm_start=start), run=run
-        )
+        return _identified(own, coordinates, checked, prepared, name, window, options=settings, run=run)
 
     if law != "best":
         return fitted(law, options.warm_start)
@@ -211,19 +213,20 @@ def _identified(
     robot: Robot,
     coordinates: Coordinates,
     checked: CheckedLogs,
+    logs: Sequence[Log],
     law: str,
     window: float,
     *,
     options: IdentificationOptions,
     run: Run,
 ) -> Identification:
-    """Identify by one law."""
+    """Identify by one law, from the checked logs as of wheels that touch in a point."""
 
     def report(progress: Progress) -> None:
         error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
         run.progress(replace(progress, note=f"{law}{error}"))
 
-    reported, logs = replace(run, progress=report), list(checked.logs.values())
+    reported = replace(run, progress=report)
     prepared = prepare(robot, coordinates, logs, window=window, options=options, run=reported)
     estimate = fit(
         prepared.experiment,

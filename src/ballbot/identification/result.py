@@ -138,6 +138,13 @@ class Identification(Reported):
             zero |= {"stribeck_speed", "stribeck_exponent"}
         return tuple(name for name in self.layout.names if name not in zero)
 
+    def stands_for(self, name: str) -> str | None:
+        """Return what else a quantity stands for: "" if nothing, None if that is not known."""
+        also = BY_NAME[name].stands_for
+        if also is None or not self.robot.friction.roller_softness:
+            return also
+        return "play of the gears" if self.robot.drive.backlash > 0.0 else ""
+
     @property
     def counted(self) -> Bools:
         """Which states (10,) counted in the fit."""
@@ -185,7 +192,7 @@ class Identification(Reported):
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
                 for name in self.layout.names
-                if (also := BY_NAME[name].stands_for) is not None
+                if (also := self.stands_for(name)) is not None
             },
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
             "held_out": self.held_out,

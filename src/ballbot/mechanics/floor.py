@@ -20,6 +20,8 @@ from ballbot.mechanics.friction import sign
 
 #: a ball slower than this [m/s, rad/s] is at rest
 REST = 1e-9
+#: estimated or wanted speed below which friction counts in proportion [m/s]; single precision holds it exactly
+SLOW = 0.046875
 _NO_SPEED = 1e-300  # in place of a speed of zero, which has no direction
 
 

@@ -481,10 +481,11 @@ def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactMomentum:
-    """The two matrices of d/dt (v + C w) = -Lambda g, heading frame."""
+    """The numbers of d/dt (v + C w) = -Lambda (g + kappa v/|v|), heading frame."""
 
     lever: NDArray[np.float64]  #: (2, 3) C [m]
     pull: NDArray[np.float64]  #: (2, 2) Lambda [m/s^2]
+    rolling: float  #: kappa, the lean that carries the rolling friction [rad]
 
 
 def contact_momentum(robot: Robot) -> ContactMomentum:
@@ -497,12 +498,12 @@ def contact_momentum(robot: Robot) -> ContactMomentum:
 
     What is left, linear in the rates and for a small lean, in the heading frame:
 
-        d/dt (v + C w) = -Lambda g
+        d/dt (v + C w) = -Lambda (g + kappa v/|v|)
 
     v is the ball's velocity, w the body's angular velocity, g = (x and y of R^T e_z) the upward direction in the
     body's frame: (-sin phi, sin theta) at psi = 0, to second order. s = v + C w is the momentum as a speed; only
     gravity changes it, and what pushes the robot from outside: rolling friction, a slope, a hand. No friction of the
-    driveline, identified or not, is in it.
+    driveline, identified or not, is in it. Rolling friction acts as a lean of kappa = N C_rr r_b / (m_r g l) would.
     """
     E = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
     both = np.hstack([np.eye(2), E.T / robot.ball.radius])  # (row v) + E^T / r_b (row w)
@@ -511,4 +512,8 @@ def contact_momentum(robot: Robot) -> ContactMomentum:
     # gravity turns the body about g x e_z = (g_y, -g_x), and E^T (g_y, -g_x, 0) = -g
     pull = np.linalg.solve(mass[:, :2], np.eye(2) * moment / robot.ball.radius)
     lever = np.linalg.solve(mass[:, :2], mass[:, 2:])
-    return ContactMomentum(lever=np.asarray(lever, dtype=np.float64), pull=np.asarray(pull, dtype=np.float64))
+    return ContactMomentum(
+        lever=np.asarray(lever, dtype=np.float64),
+        pull=np.asarray(pull, dtype=np.float64),
+        rolling=robot.rolling_force * robot.ball.radius / moment,
+    )

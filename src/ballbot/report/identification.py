@@ -128,7 +128,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
 
 def _also(fit: Identification, name: str, label: str) -> str:
     """Return what else an effective parameter stands for; and of the rolling friction, what the floor's own may be."""
-    also = BY_NAME[name].stands_for or ""
+    also = fit.stands_for(name) or ""
     if also and name == "rolling" and label in fit.variation.predictions:
         return f"{also}: the floor's own is {interval(0.0, fit.variation.predictions[label].upper)}"
     return also

@@ -113,7 +113,7 @@ def _reasons(study: Study) -> list[str]:
     sentences = [
         f"Each candidate drives {count} robots drawn from the identified uncertainty {course}, with the same seeds and "
         f"the delay, play, noise and floor of the scenario {study.scenario.name}. Left out: "
-        f"{every(left_out(study.scenario, identified=True))}.",
+        f"{every(left_out(study.scenario, identified=not study.found.robot.friction.roller_softness))}.",
         "A candidate that falls on any robot is excluded; of those whose intervals overlap the best one's, the "
         "smoothest is chosen.",
     ]

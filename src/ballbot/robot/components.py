@@ -241,6 +241,13 @@ class Friction:
         most=1.0,
         usual=(0.0, 0.1),
     )
+    roller_softness: float = parameter(
+        "compliance of the rollers' contacts over the twin's, if this friction is without the rollers' losses; 0: with",
+        default=0.0,
+        least=0.0,
+        most=1000.0,
+        usual=(0.0, 10.0),
+    )
     coulomb_asymmetry: tuple[float, ...] = parameter(
         "d_i, c_i forward less its mean of both directions",
         "N m",

@@ -59,9 +59,9 @@ MAX_SLOPE = 0.1
 MAX_DELAY = 1000
 #: samples over which counts may be differenced
 _LONGEST_WINDOW = 10_000
-#: compliance of MuJoCo's contacts over the square of their time constant [1/kg], and their tangential force over creep
-#: speed, times it [kg]: of the BBR by the masses of ball and roller, measured on its twin
-_GIVE, _CREEP = 0.0855, 280.0
+#: of MuJoCo's contacts of rubber: compliance over mobility and the square of their time constant, by its defaults, and
+#: tangential force over creep speed, times mobility and time constant, measured on the BBR's twin
+_GIVE, _CREEP = 1.0 / 9.0, 216.0
 #: over that time constant, damping by stiffness of a contact that is critically damped
 _DAMPED = 2.0
 
@@ -170,24 +170,32 @@ class DriveLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class RollerContacts:
-    """Wheels that touch the ball by one roller after another."""
+    """Wheels that touch the ball by one roller after another: of rubber as the twin's, unless its numbers are given."""
 
     rollers: Rollers  #: as they really are, in one ring or two
-    give: float  #: by which a contact gives way for each newton [m/N]
-    grip: float  #: friction coefficient of the rollers on the ball
-    creep: float  #: tangential force over the speed with which a roller that grips creeps [N s/m]
-    relaxation: float = 0.0  #: time constant of a contact's spring and damper [s]
+    grip: float = 1.0  #: friction coefficient of the rollers on the ball
+    contact_time: float = 0.004  #: time constant of the rubber [s]
+    softness: float = 1.0  #: how much softer than the twin's it is
+    give: float | None = None  #: by which a contact gives way for each newton [m/N]
+    creep: float | None = None  #: tangential force over the speed with which a roller creeps [N s/m]
+    relaxation: float | None = None  #: time constant of a contact's spring and damper [s]
 
-    @staticmethod
-    def of_rubber(rollers: Rollers, *, grip: float = 1.0, contact_time: float = 0.004) -> "RollerContacts":
-        """Return the twin's contacts of rubber, by their time constant [s]."""
-        return RollerContacts(
-            rollers=rollers,
-            give=_GIVE * contact_time**2,
-            grip=grip,
-            creep=_CREEP / contact_time,
-            relaxation=_DAMPED * contact_time,
-        )
+
+def _contact_mobility(robot: Robot, rollers: Rollers, *, play: bool) -> float:
+    """Return the mobility [1/kg] of ball and roller at a contact, the mean over directions, as MuJoCo softens it.
+
+    With play, a wheel moves without its rotor.
+    """
+    wheels, body, ball = robot.wheels, robot.body, robot.ball
+    normal = contact_directions(wheels.azimuths, wheels.tilt)[0]
+    arm = (ball.radius + rollers.radius) * normal - np.array([0.0, 0.0, body.center_of_mass])
+    turning = np.linalg.inv(body.inertia_about_center_of_mass()) @ (
+        arm @ arm * np.eye(3) - np.outer(arm, arm)
+    )
+    inertia = wheels.inertia + (0.0 if play else robot.drive.reflected_inertia)
+    across = (wheels.radius - rollers.radius) ** 2
+    of_wheel = across / inertia if inertia > 0.0 else math.inf
+    return 1.0 / ball.mass + 1.0 / body.mass + (float(np.trace(turning)) + of_wheel) / 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -414,20 +422,21 @@ def _of_contacts(imperfections: Imperfections, robot: Robot) -> dict[str, object
     values: dict[str, object] = {"load_dependence": imperfections.load_dependence, "pressure": at_rest}
     if imperfections.contacts is None:
         return values
-    rollers, radius = imperfections.contacts.rollers, robot.ball.radius
+    contacts, radius = imperfections.contacts, robot.ball.radius
+    rollers, time = contacts.rollers, contacts.contact_time
+    mobility = contacts.softness * _contact_mobility(robot, rollers, play=imperfections.backlash > 0.0)
+    give = _GIVE * mobility * time**2 if contacts.give is None else contacts.give
     off = 0.5 * rollers.row_spacing / (radius + rollers.radius) if rollers.rows == 2 else 0.0
     pitch = 2.0 * math.pi / (rollers.rows * rollers.per_row)
     out_of_round = (wheels.radius - rollers.radius) * wheels.radius / (8.0 * rollers.radius)
     return values | {
         "pitch": pitch,
-        "give": min(
-            at_rest * imperfections.contacts.give, out_of_round * pitch**4
-        ),  # beyond, a third roller would touch
+        "give": min(at_rest * give, out_of_round * pitch**4),  # beyond, a third roller would touch
         "out_of_round": out_of_round,
-        "relaxation": imperfections.contacts.relaxation,
+        "relaxation": _DAMPED * time if contacts.relaxation is None else contacts.relaxation,
         "off_middle": radius / wheels.radius * off * normals,
         "lever": radius * off,
-        "grip": imperfections.contacts.grip,
-        "creep": imperfections.contacts.creep,
+        "grip": contacts.grip,
+        "creep": _CREEP / (mobility * time) if contacts.creep is None else contacts.creep,
         "about_normal": normals @ transforms(robot).T_obw,
     }

@@ -65,6 +65,7 @@ from ballbot.mechanics.equations import (
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
+from ballbot.simulation.rollers import touch
 from ballbot.simulation.sensors import SensorMemory, new_sensor_memory, read_sensors
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
@@ -163,6 +164,8 @@ class LoopMemory(NamedTuple):
     # scratch
     wheels: NDArray[np.float64]  #: (robots, n) speeds
     rolled: NDArray[np.float64]  #: (robots, n) torques of the rollers
+    touching: NDArray[np.float64]  #: (robots, n) angles at which wheels touch the ball [rad]
+    rings: NDArray[np.float64]  #: (robots, n) which ring of rollers bears, -1 to 1
     attitude: NDArray[np.float64]  #: (robots, 3) angles that the AHRS shows [rad]
     start: NDArray[np.float64]  #: (robots, 10) states
     force: NDArray[np.float64]  #: (robots, 6) as a row of `pushes`
@@ -291,36 +294,18 @@ def _roll(selected, work, lane, inputs, memory, since):
     axles = inputs.parameters[_row_of(inputs.parameters, robot)]
     _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
     fill(wheels, speeds)
+    angles, rings = memory.touching[robot], memory.rings[robot]
     for i in range(n):
-        rolled[i] = 0.0
-    for i in range(n):
-        angle = work[(ANGLE + i) * LANES + lane]
-        if record.play == 0.0:
-            angle = memory.angles[robot, i] + since * memory.speeds[robot, i]
-        angle += memory.turns[robot, i]
-        nearest = math.floor(angle / record.pitch + 0.5)
-        away = angle - nearest * record.pitch
-        x = abs(away)
-        y = record.pitch - x  # to the next roller
-        further = record.out_of_round * (y * y * y * y - x * x * x * x)
-        nearing = (
-            4.0 * record.out_of_round * (y * y * y + x * x * x) * math.copysign(wheels[i], away * wheels[i])
+        angles[i] = memory.turns[robot, i] + (
+            work[(ANGLE + i) * LANES + lane]
+            if record.play > 0.0
+            else memory.angles[robot, i] + since * memory.speeds[robot, i]
         )
-        share = min(max(0.5 + 0.5 * (further - record.relaxation * nearing) / record.give, 0.0), 1.0)
-        size = 4.0 * record.out_of_round * record.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
-        rolled[i] += math.copysign(1.0, away) * size
-        # of neighbouring rollers one is of the first ring, one of the second
-        ring = (2.0 * share - 1.0) * (2.0 * (nearest - 2.0 * math.floor(0.5 * nearest)) - 1.0)
+    touch(record, angles, wheels, rolled, rings)
+    for i in range(n):
         row = RIGID_SIZE + WHEEL_SIZE * i
         for k in range(3):
-            work[(row + k) * LANES + lane] = axles[row + k] + ring * record.off_middle[i, k]
-        turning = 0.0
-        for j in range(n):
-            turning += record.about_normal[i, j] * wheels[j]
-        most = record.grip * min(share, 1.0 - share) * record.pressure
-        moment = 2.0 * record.lever * min(max(record.creep * record.lever * turning, -most), most)
-        for j in range(n):
-            rolled[j] -= record.about_normal[i, j] * moment
+            work[(row + k) * LANES + lane] = axles[row + k] + rings[i] * record.off_middle[i, k]
 
 
 @inlined

@@ -33,11 +33,12 @@ _BEYOND = {
 
 
 def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
-    """Return a scenario with friction that the equations of motion identified: wheels touch in a point.
+    """Return a scenario with identified friction; if that contains the rollers' losses, wheels touch in a point.
 
-    The identified friction contains the losses of the rollers, which would otherwise count twice.
+    They would otherwise count twice.
     """
-    return replace(scenario, friction=friction, wheel_contact="point")
+    contact = scenario.wheel_contact if friction.roller_softness else "point"
+    return replace(scenario, friction=friction, wheel_contact=contact)
 
 
 def left_out(scenario: Scenario, *, identified: bool = False) -> tuple[str, ...]:
@@ -60,8 +61,11 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     normal = floor_normal(scenario)
     timing, loop = scenario.timing, scenario.current_loop
     soft = scenario.softness
-    contacts = RollerContacts.of_rubber(
-        scenario.rollers, grip=scenario.roller_grip, contact_time=scenario.contact_time
+    contacts = RollerContacts(
+        rollers=scenario.rollers,
+        grip=scenario.roller_grip,
+        contact_time=scenario.contact_time,
+        softness=scenario.friction.roller_softness or 1.0,
     )
     if soft:
         contacts = replace(contacts, give=1.0 / soft.stiffness, relaxation=soft.damping / soft.stiffness)

@@ -15,6 +15,7 @@ from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import about
 from ballbot.findings import Finding, by_severity, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
+from ballbot.identification.rollers import as_its_friction
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
@@ -124,12 +125,16 @@ def validate_pair(
     references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
     log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
     case = Case(models=models, log=log, parts=stretches(log, holdout), controller=controller, seed=run.seed)
+    robot = models.first.model.robot
+    of_points = replace(case, log=as_its_friction(log, robot))
     nothing_shown = no_evidence(case)
-    disturbed = next((finding.text for finding in check_disturbance(log, models.first.model.robot)), None)
+    disturbed = next((finding.text for finding in check_disturbance(log, robot)), None)
     comparisons, refused = {}, {}
     for done, way in enumerate(VALIDATIONS):
         run.progress(Progress(stage=way.heading.lower(), done=done, total=len(VALIDATIONS)))
-        comparison = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(case)
+        comparison = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(
+            case if way.as_logged else of_points
+        )
         (refused if isinstance(comparison, str) else comparisons)[way.key] = comparison
     return Validation(
         models=models,

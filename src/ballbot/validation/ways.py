@@ -18,6 +18,9 @@ class ValidationKind:
     heading: str  #: of its section
     compare: Callable[[Case], Comparison | str]  #: its result, or why the log does not allow it
     code: str  #: code of its verdict, in `ballbot.findings.CODES`
+    as_logged: bool = (
+        False  #: whether it simulates rollers; else the log is as of wheels that touch in a point
+    )
     undisturbed: bool = False  #: whether it needs a log without external disturbances
 
 
@@ -26,7 +29,12 @@ VALIDATIONS = (
         key="open_loop", heading="Open loop", compare=open_loop, code="open-loop", undisturbed=True
     ),
     ValidationKind(
-        key="closed_loop", heading="Closed loop", compare=closed_loop, code="closed-loop", undisturbed=True
+        key="closed_loop",
+        heading="Closed loop",
+        compare=closed_loop,
+        code="closed-loop",
+        as_logged=True,
+        undisturbed=True,
     ),
     ValidationKind(key="horizon", heading="Error against horizon", compare=compare_horizons, code="horizon"),
     ValidationKind(

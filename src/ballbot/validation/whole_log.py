@@ -7,7 +7,7 @@ the phase: the RMS of its deviation from the reference, and the amplitude and th
 
 The runs have the robot's play, rollers and sensors, and the estimator that the controller is made for: encoders on the
 motors see the play. They differ by the sensors' noise, by that of the initial state, by where the motors are within the
-play and by which roller touches first. Friction fitted without rollers contains their losses, which count twice here.
+play and by which roller touches first. Friction that contains the rollers' losses counts them twice here.
 
 If the log is one more run of the model, each of its numbers falls into each of the 200 gaps between and beyond those of
 199 runs with the same probability: between the 5th and the 195th with 190 / 200, 95 %, whatever the distribution.
@@ -160,7 +160,7 @@ def _of_robot(robot: Robot, sample_time: float, *, delay: int, seed: int) -> Imp
         sensors=replace(robot.sensors, sample_time=sample_time),
         delay=delay,
         backlash=robot.drive.backlash if robot.drive.reflected_inertia > 0.0 else 0.0,
-        contacts=RollerContacts.of_rubber(robot.wheels.rollers),
+        contacts=RollerContacts(rollers=robot.wheels.rollers, softness=robot.friction.roller_softness or 1.0),
         seed=seed,
     )
 

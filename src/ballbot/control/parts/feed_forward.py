@@ -9,7 +9,8 @@ is a flat output: state and torques follow from it and its derivatives.) A motio
 
     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
 
-with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
+with B^+ the pseudoinverse. At rest p = s. A rolling ball needs the lean kappa besides, which carries its friction
+(`ballbot.mechanics.model.contact_momentum`). All quantities are in the heading frame; the feedback covers the small
 additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
 
 A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then s and its derivatives follow from them,
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from ballbot.control.parts.part import (
     FollowedMotion,
     LawSettings,
+    Pair,
     Part,
     RobotState,
     SmoothReference,
@@ -40,6 +42,8 @@ from ballbot.control.parts.part import (
 )
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.floor import SLOW
+from ballbot.mechanics.model import contact_momentum
 from ballbot.records import MAX_WHEELS, number, whole
 
 #: largest effect of torques on the flat output, relative to that on the position, that counts as zero
@@ -62,6 +66,7 @@ class FeedForwardRecord:
     by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
     #: G: s'' for theta, phi
     pull: NDArray[np.float64] = field(metadata=number("m/(s^2 rad)", 2, 2))
+    rolling: float = field(metadata=number("rad"))  #: kappa
     rate: float = field(metadata=number("1/s"))
     #: that is predicted over
     delay: float = field(metadata=number("s"))
@@ -108,7 +113,8 @@ def follows_plan(law, memory, reference):
 def planned(law, memory, a, reference, asked):
     """Return a planned reference, of which `asked` is the pose relative to the measured one; after `follows_plan`."""
     own, changes = law.feed_forward, memory.feed_forward.changes
-    second = _in_world(own.pull, a, reference[2], reference[3])
+    rolling = _rolling_lean(own, reference[5], reference[6])  # which a plan's leans have
+    second = _in_world(own.pull, a, reference[2] - rolling.x, reference[3] - rolling.y)
     third = _in_world(own.pull, a, reference[7], reference[8])
     fourth = _in_world(own.pull, a, changes[0], changes[1])
     ahead, ahead_rate = (
@@ -143,6 +149,13 @@ def _after(delay, s):
 
 
 @inlined
+def _rolling_lean(own, v_x, v_y):
+    """Return the lean theta, phi that carries the rolling friction at a velocity."""
+    share = own.rolling / max((v_x * v_x + v_y * v_y) ** 0.5, SLOW)
+    return Pair(-share * v_y, share * v_x)
+
+
+@inlined
 def lean_error(law, a, to, e):
     """Return the error with respect to the lean and the position that the motion needs; see the module's docstring."""
     own = law.feed_forward
@@ -151,11 +164,13 @@ def lean_error(law, a, to, e):
     second, third = turned(a, to.x.second, to.y.second), turned(a, to.x.third, to.y.third)
     lean, lean_rate = pair_times(own.lean, second), pair_times(own.lean, third)
     ahead, ahead_rate = pair_times(own.offset, second), pair_times(own.offset, third)
+    v = turned(a, to.x.rate, to.y.rate)
+    rolling = _rolling_lean(own, v.x - ahead_rate.x, v.y - ahead_rate.y)
     return RobotState(
         e.x - ahead.x,
         e.y - ahead.y,
-        e.theta + lean.x,
-        e.phi + lean.y,
+        e.theta + lean.x + rolling.x,
+        e.phi + lean.y + rolling.y,
         e.psi,
         e.x_dot - ahead_rate.x,
         e.y_dot - ahead_rate.y,
@@ -225,6 +240,7 @@ class FeedForward(Part):
             by_fourth=back @ (d_4 - A @ r_4),
             by_turning=(back @ d_psi)[:, 0],
             pull=np.asarray(G, dtype=np.float64),
+            rolling=contact_momentum(settings.robot).rolling,
             rate=1.0 / settings.sample_time,
             delay=settings.delay,
         )

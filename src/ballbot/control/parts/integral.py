@@ -26,7 +26,7 @@ from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import Parameter, parameter
 
 #: acceleration of the reference beyond which errors come from the motion, not from a lasting disturbance [m/s^2]
-_BRISK = 0.25
+_BRISK = 0.125
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,11 +3,12 @@
 For x and y together and for psi alike, a point p with velocity v follows a target, and four lags follow p:
 
     target = r + (1 - l) (t r' + c r'') - l (r'^2/(2 b) + t_0 r')    t = 4/w + tau,  c = 6/w^2 + 4 tau/w + tau^2/2
-    p' = v,  |v'| <= a,  |v| <= the speed limit
+    p' = v,  v' = w (asked - v),  |v'| <= a,  |v| <= the speed limit
     s_1' = w (p - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
 
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
-can still stop it, near it at the rate `_APPROACH`; b is somewhat below a. What torque a wheel needs against lasting
+can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
+that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
 disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
 more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
 within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
@@ -57,9 +58,9 @@ _LAG = 0.046875
 #: t_0 [s]: by then most of r' is gone after a stop
 _NOTICED = 2.0 * _LAG
 #: deceleration b that p expects of itself, over the limit a
-_BRAKING = 0.875
-#: rate at which p approaches a target that is near [1/s], and the largest in a sample
-_APPROACH, _LARGEST_APPROACH = 4.0, 0.5
+BRAKING = 0.875
+#: the largest share of its way to a target that p goes in a sample
+_LARGEST_APPROACH = 0.5
 #: weight of the torque against disturbances: a motion that changes needs more than its acceleration does
 _RESERVE = 1.5
 #: lag of the torque against disturbances [s]
@@ -127,6 +128,7 @@ class _Limits(NamedTuple):
     speed: float
     acceleration: float
     prompt: float
+    offset: float  # of the flat output from the position, over the acceleration [s^2]
 
 
 class _Motion(NamedTuple):
@@ -144,8 +146,9 @@ def shape(law, memory, pose, ahead, wanted):
     own, state = law.shaping, memory.shaping
     h = 1.0 / own.rate
     acceleration = _left(law, memory, ahead.a) * own.acceleration
+    offset = law.feed_forward.offset[0, 0]  # along y hardly another
     place = _Limits(
-        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt
+        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt, offset
     )
     heading = _Limits(
         own.yaw_frequency,
@@ -155,6 +158,7 @@ def shape(law, memory, pose, ahead, wanted):
         own.yaw_rate,
         own.yaw_acceleration,
         own.yaw_prompt,
+        0.0,
     )
     if state.started == 0:
         begun = Pose(pose.x + ahead.state.x, pose.y + ahead.state.y, pose.psi + ahead.state.psi)
@@ -247,7 +251,9 @@ def _moved(own, limits, motion, r, away):
     """Return a motion after a sample with the reference r, which is `away` from p."""
     noticed = _notice(own, limits, motion, r)
     asked = _ask(own, limits, noticed, away)
-    change = _limited(_plus(asked, -1.0, motion.velocity), limits.acceleration / own.rate)
+    share = min(1.0, limits.step)
+    missing = _plus(asked, -1.0, motion.velocity)
+    change = _limited(Pair(share * missing.x, share * missing.y), limits.acceleration / own.rate)
     return _Motion(_plus(motion.velocity, 1.0, change), r, noticed.change, noticed.bend)
 
 
@@ -268,17 +274,21 @@ def _notice(own, limits, motion, r):
 
 @inlined
 def _ask(own, limits, motion, away):
-    """Return the velocity that is asked of p: that of its target, and what takes it there."""
-    w, tau, braking = limits.frequency, own.delay, _BRAKING * limits.acceleration
+    """Return the velocity that is asked of p once its lag has passed: that of its target, and what takes it there."""
+    w, tau, braking = limits.frequency, own.delay, BRAKING * limits.acceleration
+    lag = max(1.0 / w, 1.0 / own.rate)
     now = _plus(motion.change, _LAG, motion.bend)
     speed = _length(now)
     prompt = max(0.0, min(1.0, (_FAST - speed / limits.prompt) / (_FAST - 1.0)))
-    t, c = prompt * (4.0 / w + tau), prompt * (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau)
+    t = prompt * (4.0 / w + tau)
+    c = prompt * (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau + limits.offset)
     ahead = t - (1.0 - prompt) * (0.5 * speed / braking + _NOTICED)
-    e = _plus(_plus(away, ahead, now), c, motion.bend)
+    # how far p is from its target once the lag has passed
+    closing = _plus(_plus(now, t, motion.bend), -1.0, motion.velocity)
+    e = _plus(_plus(_plus(away, ahead, now), c, motion.bend), lag, closing)
     near = braking / own.approach
     pull = 2.0 * braking / (near + (near * near + 2.0 * braking * _length(e)) ** 0.5)
-    return _limited(_plus(_plus(now, t, motion.bend), pull, e), limits.speed)
+    return _limited(_plus(_plus(now, t + lag, motion.bend), pull, e), limits.speed)
 
 
 @inlined
@@ -362,6 +372,9 @@ class ReferenceShaping(Part):
     )
     speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=_LEAST, most=_MOST)
     acceleration_limit: float = parameter("over the floor", "m/s^2", default=1.2, least=_LEAST, most=_MOST)
+    approach_rate: float = parameter(
+        "at which x, y and psi come to a pose that is near", "1/s", default=4.0, least=_LEAST, most=_MOST
+    )
     prompt_speed: float = parameter(
         "up to which the reference is followed without delay", "m/s", default=0.3, least=_LEAST, most=_MOST
     )
@@ -395,7 +408,7 @@ class ReferenceShaping(Part):
             yaw_acceleration=self.yaw_acceleration_limit,
             yaw_prompt=self.yaw_prompt_rate,
             rate=1.0 / sample_time,
-            approach=min(_APPROACH, _LARGEST_APPROACH / sample_time),
+            approach=min(self.approach_rate, _LARGEST_APPROACH / sample_time),
             delay=settings.delay,
             late=-math.expm1(-sample_time / _LAG),
         )

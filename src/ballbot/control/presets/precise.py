@@ -26,7 +26,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.part import LawSettings
-from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.control.parts.reference_shaping import BRAKING, ReferenceShaping
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -41,9 +41,15 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the share of the torque that its steady acceleration needs, once friction, counted a quarter more, has
-#: taken its part; its lean [rad]; the rate of its lags over that at which the robot falls
-MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 1.92
+#: of a motion: the friction that the motors carry beside it, over the break-away torque; its lean [rad]; the rate of
+#: its lags over that at which the robot falls
+MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.92
+#: of a step of v' that five lags of that rate follow: how far s'' - s''''/p^2 goes the other way at first, over the
+#: step
+_AGAINST = 0.2894
+#: of a motion's approach: its rate by the root of the offset of s from the position over s''. With 1, what goes with
+#: that rate is not seen in the position; with more it comes sooner, by up to 3 mm too far on the presets
+MOTION_APPROACH = 1.4
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
@@ -140,15 +146,18 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
     left = grip_torque_limit(robot) - MOTION_FRICTION * max(robot.friction.breakaway)
     by_lean = MOTION_LEAN * float(np.linalg.norm(needed.pull, 2))
-    acceleration = max(min(MOTION_TORQUE * left / second, by_lean), MOTION_LEAST * by_lean)
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
+    # it is largest when the motion changes from accelerating to braking
+    largest = second * (1.0 + (1.0 + BRAKING) * _AGAINST)
+    acceleration = max(min(left / largest, by_lean), MOTION_LEAST * by_lean)
     rolling = frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2]
     motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=1).max()
     return ReferenceShaping(
         frequency=_rounded(MOTION_RATE * falling),
         speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
         acceleration_limit=_rounded(acceleration),
+        approach_rate=_rounded(MOTION_APPROACH / math.sqrt(np.linalg.norm(needed.offset, 2))),
     )
 
 

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "6118b57a42751857a114a6283d7cd845b37e31b23510c1158bd39e39ce6b344b"
+#define BALLBOT_SCHEMA_DIGEST "4421353f75e6eee1613ed74a9652782c1bf4b3c978c90c8d5edb4dc1feed1cb7"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1629009274, 1114970199, 555001384, 1031592005, 863908274, 890290453, 198417977, 1315648587 }
+#define BALLBOT_SCHEMA_WORDS { 1143027007, 1978068705, 1631508298, 374503468, 469021641, 2026441869, 1591430593, 2129468599 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -104,10 +104,11 @@ struct ballbot_feed_forward_record {
     float by_fourth[BALLBOT_MAX_WHEELS][2]; /* [N m s^4/m] */
     float by_turning[BALLBOT_MAX_WHEELS]; /* [N m s^2/rad] */
     float pull[2][2]; /* [m/(s^2 rad)] */
+    float rolling; /* [rad] */
     float rate; /* [1/s] */
     float delay; /* [s] */
 };
-typedef char ballbot_feed_forward_record_has_no_padding[(sizeof(struct ballbot_feed_forward_record) == 35u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_feed_forward_record_has_no_padding[(sizeof(struct ballbot_feed_forward_record) == 36u * sizeof(float)) ? 1 : -1];
 
 /* The sampled integral. */
 struct ballbot_integral_record {
@@ -195,7 +196,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1419u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1420u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -222,6 +223,7 @@ struct ballbot_kalman_record {
     float ball_turn[3][4]; /* [rad] */
     float lever[2][3]; /* [m] */
     float pull[2][2]; /* [m/s^2] */
+    float rolling; /* [1] */
     float forgotten; /* [1] */
     float gyro_variance; /* [rad^2/s^2] */
     float walk[14]; /* [square of the state] */
@@ -229,9 +231,10 @@ struct ballbot_kalman_record {
     float start_variances[14]; /* [square of the state] */
     float start_covariances[3]; /* [1, rad^2] */
     float pivoting_share; /* [1] */
+    float pivoted_share; /* [1] */
     float pivoting_variance; /* [1] */
 };
-typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 65u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 67u * sizeof(float)) ? 1 : -1];
 
 /* The numbers of one controller. */
 struct ballbot_parameters {
@@ -246,7 +249,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1518u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1521u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -428,11 +431,12 @@ struct ballbot_kalman_memory {
     int32_t wheel_counts[BALLBOT_MAX_WHEELS];
     float gyro[3]; /* [rad/s] */
     float pivoting; /* [rad/s] */
+    float pivoted; /* [rad^2/s^2] */
     float x[14]; /* [state] */
     float rest[14]; /* [state] */
     float P[14][14]; /* [product of two states] */
 };
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 235u * sizeof(float)) ? 1 : -1];
 
 /* All that changes while the robot runs. */
 struct ballbot_state {
@@ -445,7 +449,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 878u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 879u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -119,6 +119,7 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
     memory->x[Y] = position[1];
     ballbot_begin_filter(record->lever, shown, gyro, memory->x);
     memory->pivoting = 0.0f;
+    memory->pivoted = 0.0f;
 }
 
 /* Give the ball's mean turning relative to the body (3) [rad/s] since the encoders last had all counts. */
@@ -173,7 +174,7 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
         seen.variance[k] = record->variances[k];
     }
     /* the more the ball lately turned on the spot by the wheels, the less they correct the heading */
-    seen.variance[PIVOTING_SEEN] += record->pivoting_variance * memory->pivoting * memory->pivoting;
+    seen.variance[PIVOTING_SEEN] += record->pivoting_variance * memory->pivoted;
     fix_of(memory, reading, fix, &seen.variance[FIX]);
     expected(record, memory->x, gyro, velocity, reading, wheels, attitude, fix, seen.residual, seen.h);
     for (int32_t k = 0; (memory->started != RUNNING) && (k < FIX); ++k) {
@@ -182,6 +183,7 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
     absorb(memory, &seen);
     if (ballbot_is_known(seen.residual[PIVOTING_SEEN])) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
+        memory->pivoted += record->pivoted_share * (memory->pivoting * memory->pivoting - memory->pivoted);
     }
 }
 

@@ -42,35 +42,45 @@ static inline void moved(const struct ballbot_kalman_record *record, const float
     const float t8 = (1.0f - (t6 * t6)) - (t7 * t7);
     const float t9 = ballbot_square_root(((t8 < 1e-06f) ? 1e-06f : t8));
     const float t10 = t2 + (((t0 * t6) + (t1 * t7)) / (1.0f + t9));
-    const float t11 = -t10;
-    const float t12 = ((t10 * (x[S_Y] + (t5 * ((t11 * x[S_X]) - ((record->pull[1][0] * x[G_X]) + (record->pull[1][1] *
-        x[G_Y])))))) - ((record->pull[0][0] * t6) + (record->pull[0][1] * t7))) * record->sample_time;
-    const float t13 = ((t11 * (x[S_X] + (t5 * ((t10 * x[S_Y]) - ((record->pull[0][0] * x[G_X]) + (record->pull[0][1] *
-        x[G_Y])))))) - ((record->pull[1][0] * t6) + (record->pull[1][1] * t7))) * record->sample_time;
-    const float t14 = (x[S_X] + (0.5f * t12)) - (((record->lever[0][0] * t0) + (record->lever[0][1] * t1)) +
-        (record->lever[0][2] * t2));
-    const float t15 = (x[S_Y] + (0.5f * t13)) - (((record->lever[1][0] * t0) + (record->lever[1][1] * t1)) +
-        (record->lever[1][2] * t2));
-    const float t16 = -record->forgotten;
-    const float t17 = record->sample_time * t10;
+    const float t11 = x[S_X] - (((record->lever[0][0] * t0) + (record->lever[0][1] * t1)) + (record->lever[0][2] *
+        t2));
+    const float t12 = x[S_Y] - (((record->lever[1][0] * t0) + (record->lever[1][1] * t1)) + (record->lever[1][2] *
+        t2));
+    const float t13 = ballbot_square_root(((t11 * t11) + (t12 * t12)));
+    const float t14 = record->rolling / ((t13 < 0.046875f) ? 0.046875f : t13);
+    const float t15 = t11 * t14;
+    const float t16 = t12 * t14;
+    const float t17 = x[G_X] + t15;
+    const float t18 = x[G_Y] + t16;
+    const float t19 = -t10;
+    const float t20 = t6 + t15;
+    const float t21 = t7 + t16;
+    const float t22 = ((t10 * (x[S_Y] + (t5 * ((t19 * x[S_X]) - ((record->pull[1][0] * t17) + (record->pull[1][1] *
+        t18)))))) - ((record->pull[0][0] * t20) + (record->pull[0][1] * t21))) * record->sample_time;
+    const float t23 = ((t19 * (x[S_X] + (t5 * ((t10 * x[S_Y]) - ((record->pull[0][0] * t17) + (record->pull[0][1] *
+        t18)))))) - ((record->pull[1][0] * t20) + (record->pull[1][1] * t21))) * record->sample_time;
+    const float t24 = t11 + (t22 * 0.5f);
+    const float t25 = t12 + (t23 * 0.5f);
+    const float t26 = -record->forgotten;
+    const float t27 = record->sample_time * t10;
     float turn[2];
-    ballbot_sine_cosine((x[PSI] + (0.5f * t17)), &turn[0], &turn[1]);
+    ballbot_sine_cosine((x[PSI] + (0.5f * t27)), &turn[0], &turn[1]);
     change[B_X] = 0.0f;
     change[B_Y] = 0.0f;
     change[B_Z] = 0.0f;
     change[DRIFT] = 0.0f;
-    change[A_X] = x[A_X] * t16;
-    change[A_Y] = x[A_Y] * t16;
+    change[A_X] = x[A_X] * t26;
+    change[A_Y] = x[A_Y] * t26;
     change[G_X] = ((t7 * t2) - (t9 * t1)) * record->sample_time;
     change[G_Y] = ((t9 * t0) - (t6 * t2)) * record->sample_time;
-    change[S_X] = t12;
-    change[S_Y] = t13;
-    change[PSI] = t17;
+    change[S_X] = t22;
+    change[S_Y] = t23;
+    change[PSI] = t27;
     change[SHOWN_PSI] = record->sample_time * (t10 + x[DRIFT]);
-    change[X] = ((turn[1] * t14) - (turn[0] * t15)) * record->sample_time;
-    change[Y] = ((turn[0] * t14) + (turn[1] * t15)) * record->sample_time;
-    velocity[0] = t14;
-    velocity[1] = t15;
+    change[X] = ((turn[1] * t24) - (turn[0] * t25)) * record->sample_time;
+    change[Y] = ((turn[0] * t24) + (turn[1] * t25)) * record->sample_time;
+    velocity[0] = t24;
+    velocity[1] = t25;
 }
 
 /* Give the entries of F. */

@@ -12,7 +12,8 @@
  *
  *     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
  *
- * with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
+ * with B^+ the pseudoinverse. At rest p = s. A rolling ball needs the lean kappa besides, which carries its friction
+ * (ballbot.mechanics.model.contact_momentum). All quantities are in the heading frame; the feedback covers the small
  * additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
  *
  * A planned reference (ballbot.workflows.plan) has leans and rates itself. Then s and its derivatives follow from them,
@@ -27,6 +28,7 @@
 
 /* for which a row of a plan is followed without the next one [s] */
 #define LAPSE 0.05f
+#define SLOW 0.046875f
 
 /* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10])
@@ -67,6 +69,14 @@ bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *
     return (float)state->age < most;
 }
 
+/* Return the lean theta, phi that carries the rolling friction at a velocity. */
+static struct ballbot_pair rolling_lean(const struct ballbot_feed_forward_record *own, float v_x, float v_y)
+{
+    const float share = own->rolling / ballbot_larger(ballbot_square_root(v_x * v_x + v_y * v_y), SLOW);
+
+    return (struct ballbot_pair){ -share * v_y, share * v_x };
+}
+
 /* Return the product of a matrix of the heading frame and a vector of the world, in the world. */
 static struct ballbot_pair in_world(const float M[2][2], struct ballbot_heading_frame a, float x, float y)
 {
@@ -91,7 +101,8 @@ struct ballbot_followed_motion ballbot_planned(const struct ballbot_law *law, co
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
     const float *changes = memory->feed_forward.changes;
-    const struct ballbot_pair second = in_world(own->pull, a, reference[2], reference[3]);
+    const struct ballbot_pair rolling = rolling_lean(own, reference[5], reference[6]); /* which a plan's leans have */
+    const struct ballbot_pair second = in_world(own->pull, a, reference[2] - rolling.x, reference[3] - rolling.y);
     const struct ballbot_pair third = in_world(own->pull, a, reference[7], reference[8]);
     const struct ballbot_pair fourth = in_world(own->pull, a, changes[0], changes[1]);
     const struct ballbot_pair ahead = in_world(own->offset, a, second.x, second.y);
@@ -121,10 +132,12 @@ struct ballbot_robot_state ballbot_lean_error(const struct ballbot_law *law, str
     const struct ballbot_pair lean_rate = ballbot_pair_times(own->lean, third);
     const struct ballbot_pair ahead = ballbot_pair_times(own->offset, second);
     const struct ballbot_pair ahead_rate = ballbot_pair_times(own->offset, third);
+    const struct ballbot_pair v = ballbot_turned(a, to->x.rate, to->y.rate);
+    const struct ballbot_pair rolling = rolling_lean(own, v.x - ahead_rate.x, v.y - ahead_rate.y);
 
-    return (struct ballbot_robot_state){ e->x - ahead.x, e->y - ahead.y, e->theta + lean.x, e->phi + lean.y, e->psi,
-        e->x_dot - ahead_rate.x, e->y_dot - ahead_rate.y, e->theta_dot + lean_rate.x, e->phi_dot + lean_rate.y,
-        e->psi_dot };
+    return (struct ballbot_robot_state){ e->x - ahead.x, e->y - ahead.y, e->theta + lean.x + rolling.x,
+        e->phi + lean.y + rolling.y, e->psi, e->x_dot - ahead_rate.x, e->y_dot - ahead_rate.y,
+        e->theta_dot + lean_rate.x, e->phi_dot + lean_rate.y, e->psi_dot };
 }
 
 /* Add the torques for the second and fourth derivative of s, heading frame, and the second of psi. */

@@ -15,7 +15,7 @@
 #include "parts/steps.h"
 
 /* acceleration of the reference beyond which errors come from the motion, not from a lasting disturbance [m/s^2] */
-#define BRISK 0.25f
+#define BRISK 0.125f
 
 /* Add the torques for the integrals. */
 void ballbot_add_integral(const struct ballbot_law *law, const struct ballbot_memory *memory,

@@ -6,11 +6,12 @@
  * For x and y together and for psi alike, a point p with velocity v follows a target, and four lags follow p:
  *
  *     target = r + (1 - l) (t r' + c r'') - l (r'^2/(2 b) + t_0 r')    t = 4/w + tau,  c = 6/w^2 + 4 tau/w + tau^2/2
- *     p' = v,  |v'| <= a,  |v| <= the speed limit
+ *     p' = v,  v' = w (asked - v),  |v'| <= a,  |v| <= the speed limit
  *     s_1' = w (p - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
  *
  * so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
- * can still stop it, near it at the rate _APPROACH; b is somewhat below a. What torque a wheel needs against lasting
+ * can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
+ * that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
  * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
  * more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
  * within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
@@ -58,6 +59,7 @@ struct limits {
     float speed;
     float acceleration;
     float prompt;
+    float offset; /* of the flat output from the position, over the acceleration [s^2] */
 };
 
 /* The motion of the position or of the heading, whose second numbers are zero. */
@@ -180,24 +182,27 @@ static struct ballbot_pair limited(struct ballbot_pair v, float most)
     return (struct ballbot_pair){ share * v.x, share * v.y };
 }
 
-/* Return the velocity that is asked of p: that of its target, and what takes it there. */
+/* Return the velocity that is asked of p once its lag has passed: that of its target, and what takes it there. */
 static struct ballbot_pair ask(const struct ballbot_shaping_record *own, const struct limits *limits,
         const struct motion *motion, struct ballbot_pair away)
 {
     const float w = limits->frequency;
     const float tau = own->delay;
     const float braking = BRAKING * limits->acceleration;
+    const float lag = ballbot_larger(1.0f / w, 1.0f / own->rate);
     const struct ballbot_pair now = plus(motion->change, LAG, motion->bend);
     const float speed = length(now);
     const float prompt = ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - speed / limits->prompt) / (FAST - 1.0f)));
     const float t = prompt * (4.0f / w + tau);
-    const float c = prompt * (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau);
+    const float c = prompt * (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau + limits->offset);
     const float ahead = t - (1.0f - prompt) * (0.5f * speed / braking + NOTICED);
-    const struct ballbot_pair e = plus(plus(away, ahead, now), c, motion->bend);
+    /* how far p is from its target once the lag has passed */
+    const struct ballbot_pair closing = plus(plus(now, t, motion->bend), -1.0f, motion->velocity);
+    const struct ballbot_pair e = plus(plus(plus(away, ahead, now), c, motion->bend), lag, closing);
     const float near = braking / own->approach;
     const float pull = 2.0f * braking / (near + ballbot_square_root(near * near + 2.0f * braking * length(e)));
 
-    return limited(plus(plus(now, t, motion->bend), pull, e), limits->speed);
+    return limited(plus(plus(now, t + lag, motion->bend), pull, e), limits->speed);
 }
 
 /* Return a motion after a sample with the reference r, which is away from p. */
@@ -206,7 +211,9 @@ static struct motion moved(const struct ballbot_shaping_record *own, const struc
 {
     const struct motion noticed = notice(own, limits, motion, r);
     const struct ballbot_pair asked = ask(own, limits, &noticed, away);
-    const struct ballbot_pair change = limited(plus(asked, -1.0f, motion->velocity),
+    const float share = ballbot_smaller(1.0f, limits->step);
+    const struct ballbot_pair missing = plus(asked, -1.0f, motion->velocity);
+    const struct ballbot_pair change = limited((struct ballbot_pair){ share * missing.x, share * missing.y },
         limits->acceleration / own->rate);
 
     return (struct motion){ plus(motion->velocity, 1.0f, change), r, noticed.change, noticed.bend };
@@ -278,10 +285,11 @@ struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, stru
     struct ballbot_shaping_state *state = &memory->shaping;
     const float h = 1.0f / own->rate;
     const float acceleration = left(law, memory, ahead->a) * own->acceleration;
+    const float offset = law->feed_forward.offset[0][0]; /* along y hardly another */
     const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
-        acceleration, own->prompt };
+        acceleration, own->prompt, offset };
     const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
-        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt };
+        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt, 0.0f };
 
     if (state->started == 0) {
         const struct ballbot_pose begun = { pose.x + ahead->state.x, pose.y + ahead->state.y,
