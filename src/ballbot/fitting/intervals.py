@@ -19,7 +19,7 @@ CONFIDENCE = 0.95
 #: half width of a 95 % interval of a normal variable, in standard deviations
 HALF_WIDTH = 1.96
 #: how an interval was obtained
-Method = Literal["clustered", "profile", "at bound", "between logs"]
+Method = Literal["clustered", "profile", "at bound", "between logs", "momentum"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,8 @@ correlation R of their errors its covariance grows:
 
     dp/dv = -H_pp^-1 H_pv,          C + (dp/dv) R (dp/dv)^T
 
+C_rr is found beforehand (`ballbot.identification.rolling`): it depends on v too, and what p changes with it counts.
+
 These are consider parameters (S. Schmidt, Application of state-space methods to navigation problems, Advances in
 Control Systems 3 (1966) 293-340): they have priors, but keep the file's values, because what the model lacks would move
 them.
@@ -40,6 +42,7 @@ from ballbot.fitting.fit import Fit
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
+from ballbot.identification.rolling import FoundRolling
 from ballbot.results import reported
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME
@@ -84,37 +87,50 @@ class FileErrors:
     """What the errors of a robot file do to an estimate."""
 
     added: Floats  #: to its scaled covariance (p, p)
+    rolling: Floats  #: likewise, by the error that a C_rr found beforehand has from the logs (p, p)
     #: deviation of the torque constant [N m/A], 0 if it is exact, and its covariance with the scaled estimate (p,)
     torque: tuple[float, Floats]
     values: tuple[FileValue, ...]
 
 
-def from_file(experiment: Balancing, estimate: Fit[WindowsIterate]) -> FileErrors:
-    """Return what the robot file's errors do to an estimate, and the file's values beside the logs'."""
+def from_file(experiment: Balancing, estimate: Fit[WindowsIterate], found: FoundRolling | None) -> FileErrors:
+    """Return what the robot file's errors do to an estimate, and the file's values beside the logs'.
+
+    `found` is a C_rr that the fit held.
+    """
     coordinates, end, p = experiment.coordinates, estimate.finished.end, len(estimate.estimated)
     free = {coordinates.names[i] for i in np.flatnonzero(coordinates.free)}
     robot = _stated(experiment.predictor.robot, free)
     numbers, R = uncertain(robot), correlations(robot)
-    pairs = [_pair(experiment, robot, number) for number in numbers]
+    pairs = [] if found is None else [found.pair(experiment)]
+    before = p + len(pairs)
+    pairs += [_pair(experiment, robot, number) for number in numbers]
     joint = experiment.linearize_widely(end.point, end.windows.starts, others=pairs).equations
     kept = estimate.estimated & (joint.matrix.diagonal()[:p] > 0.0)
-    scores, response = joint.scores[:, :p][:, kept], np.zeros((p, len(numbers)))
+    scores = joint.scores[:, :p][:, kept]
     inverse = np.linalg.pinv(joint.matrix[:p, :p][np.ix_(kept, kept)], rcond=1e-13, hermitian=True)
-    response[kept] = -inverse @ joint.matrix[:p, p:][kept]
+    responses = np.zeros((p, len(pairs)))
+    responses[kept] = -inverse @ joint.matrix[:p, p:][kept]
+    response, by_rolling = responses[:, before - p :], np.zeros(p)
+    if found is not None:
+        by_rolling = responses[:, 0]
+        by_rolling[found.index] = found.scaled_error
+        response = response + np.outer(by_rolling, [found.moved_by(robot, number) for number in numbers])
     # without the correction for leverage, by which one window may have all
     blocks, estimated = scores.shape
     clustered = float(np.sum(scores @ inverse * scores)) / max(estimated, 1) * blocks / (blocks - estimated)
     clustered = max(estimate.discrepancy.factor**2 * clustered, 1.0)
-    values = []
+    free_too, values = np.append(kept, np.ones(before - p, dtype=bool)), []
     for index, number in enumerate(numbers):
         size, value = number.deviation, value_of(robot, BY_NAME[number.name])
         stated = {"label": number.label, "value": float(numbers_of(value)[number.place]), "deviation": size}
-        step, step_error, degrees = own_estimate(joint, kept, index, clustered=clustered)
+        step, step_error, degrees = own_estimate(joint, free_too, index, clustered=clustered)
         own = {"own": stated["value"] + size * step, "own_error": size * step_error, "degrees": degrees}
         values.append(FileValue(**stated, **own))
     torque = np.array([number.deviation if number.name == _TORQUE else 0.0 for number in numbers])
     return FileErrors(
         added=response @ R @ response.T,
+        rolling=np.outer(by_rolling, by_rolling),
         torque=(float(torque.sum()), response @ R @ torque),
         values=tuple(values),
     )

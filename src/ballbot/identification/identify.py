@@ -43,6 +43,7 @@ from ballbot.identification.quantities import (
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
 from ballbot.identification.rollers import on_points
+from ballbot.identification.rolling import FoundRolling
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
@@ -226,7 +227,8 @@ def _identified(
         error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
         run.progress(replace(progress, note=f"{law}{error}"))
 
-    reported = replace(run, progress=report)
+    reported, rolling = replace(run, progress=report), FoundRolling.of(logs, coordinates, robot)
+    coordinates = coordinates if rolling is None else rolling.held()
     prepared = prepare(robot, coordinates, logs, window=window, options=options, run=reported)
     estimate = fit(
         prepared.experiment,
@@ -239,7 +241,7 @@ def _identified(
         run=reported,
     )
     prepared, estimate = _alike(prepared, estimate, options=options)
-    return _result(prepared, estimate, checked, law, window, options=options)
+    return _result(prepared, estimate, rolling, checked, law, window, options=options)
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
@@ -369,6 +371,7 @@ def _alike(
 def _result(
     prepared: Prepared,
     estimate: Fit[WindowsIterate],
+    rolling: FoundRolling | None,
     checked: CheckedLogs,
     law: str,
     window: float,
@@ -380,8 +383,11 @@ def _result(
     robot, layout = predictor.robot, coordinates.layout
     # from windows, between logs, from the robot file, and between wheels
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    by_file = from_file(experiment, estimate)
-    uncertainty = uncertainty_of_each(coordinates, uncertainty.with_variation(by_file.added))
+    by_file = from_file(experiment, estimate, rolling)
+    uncertainty = uncertainty if rolling is None else rolling.opened(uncertainty)
+    uncertainty = uncertainty_of_each(
+        coordinates, uncertainty.with_variation(by_file.rolling + by_file.added)
+    )
     of_file = file_value_findings(by_file.values)
     wrong = tuple(item.text.removesuffix(".") for item in of_file if item.severity == "error")
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
