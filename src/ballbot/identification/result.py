@@ -140,6 +140,9 @@ class Identification(Reported):
 
     def stands_for(self, name: str) -> str | None:
         """Return what else a quantity stands for: "" if nothing, None if that is not known."""
+        own = self.intervals.get(BY_NAME[name].symbol)
+        if own and own.method == "momentum":
+            return ""
         also = BY_NAME[name].stands_for
         if also is None or not self.robot.friction.roller_softness:
             return also

@@ -9,7 +9,8 @@ In the world frame, with s = v + C w and a bump phi of `DURATION`, integration b
 
     int phi Lambda g - int phi' C w = gamma int phi' v - gamma kappa int phi Lambda v/|v| + int phi Lambda e
 
-e is the error of the lean in the body's frame, one for each log: of the AHRS, or of a centre of mass beside the axis.
+e is the error of the lean, for each log one in the body's frame, of the AHRS or of a centre of mass beside the axis,
+and one in the world's, of a floor's slope.
 The complex gain gamma is that of a wheel radius off by its size and an IMU turned against the wheels by its angle:
 without it, 2 degrees halved C_rr on one robot. Least squares over the bumps of all logs give kappa, with a standard
 error clustered by `TOGETHER` bumps, and with it C_rr.
@@ -37,8 +38,8 @@ DURATION = 2.0
 TOGETHER = 8
 #: ball speed below which friction has no certain direction, and counts in proportion [m/s]
 _SLOW = 0.005
-#: bumps that are needed
-_LEAST = 12
+#: bumps that are needed: with one log, 16 numbers for 8 unknowns
+_LEAST = 8
 #: deviation of C_rr by what rollers, play and delays leave, relative: of 18 simulated robots, two thirds were closer
 _LACKING = 0.1
 
@@ -54,7 +55,9 @@ class RollingMotion:
     lean_rate: Complex  #: (k, 2) of phi' w
     upward: Complex  #: (k, 2) of phi g
     against: Complex  #: (k, 2) of phi v/|v|
-    error: Complex  #: (2, k, 2) of phi, of an error of the lean by one in either direction
+    error: (
+        Complex  #: (4, k, 2) of phi, of an error of the lean by one in either direction, body's and world's
+    )
 
     @staticmethod
     def of(logs: Sequence[Log]) -> "RollingMotion | None":
@@ -70,12 +73,11 @@ class RollingMotion:
             v = (log["x_dot"] + 1j * log["y_dot"]) / out
             w = (log["theta_dot"] + 1j * log["phi_dot"]) / out
             g = (1j * np.sin(log["theta"]) - np.sin(log["phi"])) / out
-            bumps = np.stack(
-                [v, w, g, v / np.maximum(np.abs(v), _SLOW), np.ones_like(v), 1j * np.ones_like(v)]
-            )
+            along, one = v / np.maximum(np.abs(v), _SLOW), np.ones_like(v)
+            bumps = np.stack([v, w, g, along, one, 1j * one, one / out, 1j / out])
             even = np.abs(log.t[rows[:, -1]] - log.t[rows[:, 0]] - count * step) < 0.5 * step
             whole = rows[even & np.isfinite(bumps.sum(axis=0)[rows]).all(axis=1)]
-            weights = np.stack([change, change, phi, phi, phi, phi])[:, None]
+            weights = np.stack([change, change, *[phi] * 6])[:, None]
             parts = [(weights * (part * out)[:, whole]).sum(axis=2) for part in (bumps.real, bumps.imag)]
             pieces.append(np.stack(parts, axis=-1))
             numbers += [number] * len(whole)
@@ -113,7 +115,7 @@ class RollingMotion:
         value = float(turn @ found[2:4])
         influence = (Z @ (turn @ inverse[2:4])) * (y - Z @ found)
         sums = np.bincount(np.tile(np.arange(len(self.log)) // TOGETHER, 2), weights=influence)
-        few = len(sums) / max(len(sums) - Z.shape[1], 1)
+        few = len(y) / (len(y) - Z.shape[1])
         return value, float(np.hypot(np.sqrt(few * sums @ sums), _LACKING * size))
 
 

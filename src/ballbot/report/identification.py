@@ -103,7 +103,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
                 for of in (fit.intervals, fit.variation.predictions)
             ),
             f"{100.0 * fit.file_share[i]:.0f} %" if np.isfinite(fit.file_share[i]) else "",
-            _also(fit, name, label),
+            fit.stands_for(name) or "",
             *([] if other is None else [digits(float(other.values[i]))]),
             f"{lower} to {upper}" if upper != lower else f"held at {lower}",
         )
@@ -124,14 +124,6 @@ def _parameter_sheet(fit: Identification) -> Sheet:
         "allowed",
     )
     return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 7, 1))
-
-
-def _also(fit: Identification, name: str, label: str) -> str:
-    """Return what else an effective parameter stands for; and of the rolling friction, what the floor's own may be."""
-    also = fit.stands_for(name) or ""
-    if also and name == "rolling" and label in fit.variation.predictions:
-        return f"{also}: the floor's own is {interval(0.0, fit.variation.predictions[label].upper)}"
-    return also
 
 
 def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
