@@ -80,7 +80,7 @@ def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
     coordinates = prepared.experiment.coordinates
     at = coordinates.scaled(coordinates.nominal)
     estimate = fit(prepared.experiment, at, options=BRIEF)
-    by_file = from_file(prepared.experiment, estimate)
+    by_file = from_file(prepared.experiment, estimate, None)
     (value,) = by_file.values
     number = next(one for one in uncertain(_stated(known, ())) if one.name == name)
     ahead, _, distance = _pair(

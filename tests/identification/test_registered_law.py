@@ -27,7 +27,7 @@ def test_law_is_found_from_a_log_and_predicts_better_than_the_classical_one(tmp_
     assert known.sum() == len(TRUTH) - 1  # delta is no parameter of the law
     # of 15 normal numbers the largest is below 3 with a probability of 96 %
     assert (np.abs(found.values - TRUTH)[known] < 3.0 * errors[known]).all()
-    assert errors[12:].max() < 0.001  # the law's own parameters are identified
+    assert errors[12:].max() < 0.003  # the law's own parameters are identified
     classical = identify(alten(), log)
     worse = classical.held_out.squares_with.sum(axis=0) / found.held_out.squares_with.sum(axis=0)
     assert np.median(worse) > 1.5

@@ -17,6 +17,7 @@ from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import Fit, FitOptions, fit
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.balancing import Balancing, WindowsIterate
@@ -28,7 +29,7 @@ from ballbot.identification.excitation import (
     heading_findings,
     share_shown,
 )
-from ballbot.identification.file_values import file_value_findings, from_file
+from ballbot.identification.file_values import FileErrors, file_value_findings, from_file
 from ballbot.identification.laws import LAWS, bounds_of, law_named, robot_by_law
 from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
@@ -47,6 +48,7 @@ from ballbot.identification.rolling import FoundRolling
 from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
+    Variation,
     alike_finding,
     discrepancy_finding,
     inseparable,
@@ -381,13 +383,7 @@ def _result(
     experiment, logs = prepared.experiment, list(checked.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     robot, layout = predictor.robot, coordinates.layout
-    # from windows, between logs, from the robot file, and between wheels
-    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    by_file = from_file(experiment, estimate, rolling)
-    uncertainty = uncertainty if rolling is None else rolling.opened(uncertainty)
-    uncertainty = uncertainty_of_each(
-        coordinates, uncertainty.with_variation(by_file.rolling + by_file.added)
-    )
+    uncertainty, varied, by_file = _uncertainty(experiment, estimate, rolling)
     of_file = file_value_findings(by_file.values)
     wrong = tuple(item.text.removesuffix(".") for item in of_file if item.severity == "error")
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
@@ -439,6 +435,18 @@ def _result(
         other=estimate.other,
         log_findings=checked.findings,
     )
+
+
+def _uncertainty(
+    experiment: Balancing, estimate: Fit[WindowsIterate], rolling: FoundRolling | None
+) -> tuple[Uncertainty, Variation, FileErrors]:
+    """Return the uncertainty from windows, between logs, by the robot file and between wheels, and the middle two."""
+    coordinates = experiment.coordinates
+    within, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
+    by_file = from_file(experiment, estimate, rolling)
+    within = within if rolling is None else rolling.opened(within)
+    of_all = within.with_variation(by_file.rolling + by_file.added)
+    return uncertainty_of_each(coordinates, of_all), varied, by_file
 
 
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
