@@ -31,26 +31,17 @@ _FRICTIONLESS = ROBOT.replace(friction=Friction.none(ROBOT.wheel_count))
 def campaign() -> Section:
     """Return the section of docs/generated/evidence.md."""
     found = identified().robot
-    robots = {
-        "as identified": found,
-        "as set": found.replace({"friction.rolling": NOMINAL.friction.rolling}),
-    }
     return Section(
         title="What the errors are made of",
         before=f"The precise controller with compensation on the compiled loop, with rollers and play "
         f"({len(LOOP_SEEDS)} seeds), and on the nominal twin ({len(TWIN_SEEDS)} seeds); friction identified from two "
-        "logs of the twin, and the same with the twin's own rolling friction. Medians over the seeds of each part's "
+        "logs of the twin. Medians over the seeds of each part's "
         "largest size once settled [mm]: the true error; the estimated position's, and its parts by heading (the true "
         "velocity, turned by the heading's error, summed up) and by velocity (the rest); tracking, of the estimated "
         "position from the reference; and shaping, the error of a robot without friction whose controller sees the "
         "true state. The parts' peaks come at different times and do not add up.",
-        columns=["course", "rolling friction", "on", *_COLUMNS],
-        rows=[
-            [course, name, *cells]
-            for course in COURSES
-            for name, known in robots.items()
-            for cells in budgets(known, course)
-        ],
+        columns=["course", "on", *_COLUMNS],
+        rows=[[course, *cells] for course in COURSES for cells in budgets(found, course)],
     )
 
 
