@@ -19,6 +19,7 @@ from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, kalman_record
 from ballbot.estimation.kalman_model import (
     BIAS,
+    DRIFT,
     ENTRIES,
     FIRST,
     LEAN_ERROR,
@@ -210,12 +211,22 @@ def test_heading_uncertainty_walks_by_pivoting_without_references() -> None:
     An unsure lean adds to that, for the ball's turning is then not known to be level; a sure one, seen to turn in the
     body's frame, contains a little information on the bias.
     """
-    blind = replace(NOISE, gyro_bias=1.0, heading_drift=1.0, pivoting_time=NEVER)
-    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=0.01))
+    blind = replace(NOISE, gyro_bias=1.0, heading_bias=1.0, heading_drift=1.0, pivoting_time=NEVER)
+    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=0.01, heading_bias=0.01))
     walked = blind.pivoting * np.sqrt(4000 * H)
     assert 0.9 * walked < np.sqrt(covariance_of(ran(run, blind)[0])[4, 4]) < 1.5 * walked
     level = replace(blind, lean_error=1e-6)
     assert np.sqrt(covariance_of(ran(run, level)[0])[4, 4]) == pytest.approx(walked, rel=0.1)
+
+
+def test_drift_of_the_ahrs_is_not_taken_for_a_bias_of_the_gyro() -> None:
+    run = swaying(samples=1000, seed=3, noise=replace(NOISE, gyro_bias=1e-9, heading_bias=1e-9))
+    kalman, _ = ran(run, replace(NOISE, pivoting=1e3))  # the wheels show nothing of the heading
+    drifted = kalman._x[DRIFT]
+    assert abs(drifted) > 1e-3
+    assert abs(kalman._x[BIAS + 2]) < 0.1 * abs(
+        drifted
+    )  # 0.5 with independent priors; what the lean shows is 0.03
 
 
 def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
@@ -263,10 +274,10 @@ def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:
 
 def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
     spin = np.where((np.arange(4000) >= 3000) & (np.arange(4000) < 3200), 0.8, 0.0)  # 46 degrees in 1 s
-    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=1e-4), pivot=spin)
+    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=1e-4, heading_bias=1e-4), pivot=spin)
     watchful, trusting = NOISE, replace(NOISE, pivoting_time=NEVER)
     errors = [np.degrees(ran(run, noise)[1][-1, 4] - run.truth[-1, 4]) for noise in (watchful, trusting)]
-    assert abs(errors[0]) < 1.0
+    assert abs(errors[0]) < 3.5  # of 46; eight seeds have 0.8 to 3.0
     assert abs(errors[1]) > 5 * abs(errors[0])
 
 

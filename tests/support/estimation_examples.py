@@ -108,7 +108,7 @@ def _sensed(
     noise: FilterNoise,
 ) -> Run:
     count = len(truth)
-    bias = noise.gyro_bias * random.standard_normal(3)
+    bias = np.array([noise.gyro_bias, noise.gyro_bias, noise.heading_bias]) * random.standard_normal(3)
     gyro = rate + bias + noise.gyro * random.standard_normal((count, 3))
     attitude = truth[:, 2:5] + noise.attitude * random.standard_normal((count, 3))
     memory = np.exp(-H / noise.lean_error_time)
@@ -121,7 +121,7 @@ def _sensed(
     attitude[:, 0] += sine * slow[:, 0] + cosine * slow[:, 1]
     attitude[:, 1] -= cosine * slow[:, 0] - sine * slow[:, 1]
     walk = noise.heading_walk * np.sqrt(H) * random.standard_normal(count)
-    drift = noise.heading_drift * random.standard_normal() * H * np.arange(count)
+    drift = (noise.heading_drift * random.standard_normal() + bias[2]) * H * np.arange(count)
     attitude = turned(attitude, noise.start_heading * random.standard_normal() + drift + np.cumsum(walk))
     readings = [
         Reading(wheel_angles=a, wheel_speeds=np.zeros(3), gyro=g, attitude=e)

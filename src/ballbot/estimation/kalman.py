@@ -145,7 +145,9 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
     start[G : G + 2] = noise.attitude**2 + noise.lean_error**2
     start[PSI] = noise.attitude**2 + noise.start_heading**2
     start[SHOWN_PSI] = noise.attitude**2
-    start[DRIFT] = noise.heading_drift**2
+    # of the bias about z, what the AHRS's heading integrates; none if that does not drift
+    integrated = min(noise.heading_bias, noise.heading_drift) ** 2
+    start[DRIFT] = noise.heading_drift**2 + integrated
     return KalmanRecord(
         sample_time=h,
         radius=robot.ball.radius,
@@ -158,8 +160,11 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         walk=walk,
         variances=np.concatenate([sensor.variances(noise, h) for sensor in every_sample]),
         start_variances=start,
-        # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
-        start_covariances=np.array([-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2]),
+        # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi.
+        # b_z is a part of r: were they independent, the filter would give the bias a part of the AHRS's other drift
+        start_covariances=np.array(
+            [-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2, integrated]
+        ),
         pivoting_share=min(1.0, h / noise.pivoting_time),
         pivoted_share=min(1.0, h / noise.pivoted_time),
         # of white noise, over that of its mean

@@ -1,7 +1,7 @@
 """The Kalman filter's model of robot and sensors, with the noise it assumes and its two linear steps.
 
     14 states     b        (3) gyro bias, body frame [rad/s]
-                  r        drift rate of the AHRS's heading [rad/s]
+                  r        drift rate of the AHRS's heading [rad/s], b_z a part of it: the AHRS integrates that gyro
                   a        (2) slow error of the AHRS's g [-]
                   g        (2) x and y of the upward direction in the body's frame, its lean [-]
                   s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
@@ -79,7 +79,7 @@ class FilterNoise:
 
     gyro: float  #: of each sample [rad/s]
     attitude: float  #: white part of the AHRS's angles [rad]
-    heading_drift: float  #: drift rate of the AHRS's heading [rad/s]
+    heading_drift: float  #: drift rate of the AHRS's heading besides that gyro's bias [rad/s]
     heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
     heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
     gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
@@ -93,7 +93,7 @@ class FilterNoise:
     #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
     #: sum of squares over the wheels
     counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pivoting_time: float = 0.5  #: over which what they show is averaged [s]
+    pivoting_time: float = 1.0  #: over which what they show is averaged [s]
     pivoted_time: float = 2.0  #: over which that mean's squares are averaged, which add to that density [s]
     start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
@@ -128,8 +128,9 @@ STATES = len(STATE_NAMES)
 BIAS, DRIFT, LEAN_ERROR, G, S, PSI, SHOWN_PSI, X = (
     STATE_NAMES.index(name) for name in ("B_X", "DRIFT", "A_X", "G_X", "S_X", "PSI", "SHOWN_PSI", "X")
 )
-#: states that are known from the start only together: of the AHRS's values each shows both
-SHOWN_TOGETHER = ((LEAN_ERROR, G), (LEAN_ERROR + 1, G + 1), (PSI, SHOWN_PSI))
+#: states that are known from the start only together: of the AHRS's values each shows both, and its heading's rate
+#: over the gyro's shows r - b_z
+SHOWN_TOGETHER = ((LEAN_ERROR, G), (LEAN_ERROR + 1, G + 1), (PSI, SHOWN_PSI), (BIAS + 2, DRIFT))
 #: states that nothing but a fix shows. Once the variance of one is above `FORGOTTEN_ABOVE` [rad^2, m^2], each sample
 #: multiplies their errors by `REMEMBERED`: without a fix they grow, until what a sample adds is lost in rounding
 UNSEEN = (PSI, X, X + 1)
@@ -413,8 +414,8 @@ class KalmanRecord:
     #: of what the sensors show every sample
     variances: Floats = field(metadata=number("square of what is shown", FIRST["fix"]))
     start_variances: Floats = field(metadata=number("square of the state", STATES))
-    #: of a with g, and of psi with psi_a
-    start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
+    #: of a with g, of psi with psi_a, and of b_z with r
+    start_covariances: Floats = field(metadata=number("1, rad^2, rad^2/s^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
     pivoted_share: float = field(metadata=number("1"))  #: of that mean's square in the mean of the squares
     #: variance that Omega_z has besides, over the mean of that mean's squares

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "4421353f75e6eee1613ed74a9652782c1bf4b3c978c90c8d5edb4dc1feed1cb7"
+#define BALLBOT_SCHEMA_DIGEST "5f20744550043dfd69b353f8f96ebd492a18c41967f5aa8cd6f4fee41190107f"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1143027007, 1978068705, 1631508298, 374503468, 469021641, 2026441869, 1591430593, 2129468599 }
+#define BALLBOT_SCHEMA_WORDS { 1595962437, 1342455293, 1773360120, 2037300553, 706266137, 1744153228, 1458896612, 294654079 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -229,12 +229,12 @@ struct ballbot_kalman_record {
     float walk[14]; /* [square of the state] */
     float variances[6]; /* [square of what is shown] */
     float start_variances[14]; /* [square of the state] */
-    float start_covariances[3]; /* [1, rad^2] */
+    float start_covariances[BALLBOT_MAX_WHEELS]; /* [1, rad^2, rad^2/s^2] */
     float pivoting_share; /* [1] */
     float pivoted_share; /* [1] */
     float pivoting_variance; /* [1] */
 };
-typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 67u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_record_has_no_padding[(sizeof(struct ballbot_kalman_record) == 68u * sizeof(float)) ? 1 : -1];
 
 /* The numbers of one controller. */
 struct ballbot_parameters {
@@ -249,7 +249,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1521u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1522u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

@@ -112,7 +112,7 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
         }
         memory->P[i][i] = record->start_variances[i];
     }
-    for (int32_t k = 0; k < 3; ++k) {
+    for (int32_t k = 0; k < 4; ++k) {
         memory->P[TOGETHER[k][0]][TOGETHER[k][1]] = record->start_covariances[k];
     }
     memory->x[X] = position[0];

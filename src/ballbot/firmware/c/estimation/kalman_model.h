@@ -25,7 +25,7 @@ enum { F_ENTRIES = 34, H_ENTRIES = 13 };
 enum { PIVOTING_SEEN = 2 };
 
 /* Pairs of states that are known from the start only together. */
-static const int32_t TOGETHER[3][2] = {{A_X, G_X}, {A_Y, G_Y}, {PSI, SHOWN_PSI}};
+static const int32_t TOGETHER[4][2] = {{A_X, G_X}, {A_Y, G_Y}, {PSI, SHOWN_PSI}, {B_Z, DRIFT}};
 
 /* Give what a sample adds to the state, and the mean of v (2) [m/s] over it. */
 static inline void moved(const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3], float
