@@ -12,10 +12,10 @@ from ballbot.identification import Bounds, identify
 from ballbot.identification.file_values import (
     FileValue,
     _pair,
-    _stated,
     file_value_findings,
     from_file,
     own_estimate,
+    with_file_errors,
 )
 from ballbot.identification.identify import IdentificationOptions, Prepared, prepare
 from ballbot.identification.quantities import scale_between
@@ -36,7 +36,7 @@ def _prepared(robot: Robot) -> Prepared:
 
 def test_masses_inertias_torques_and_friction_wrong_by_one_factor_change_nothing():
     experiment = _prepared(true_robot()).experiment
-    coordinates, robot = experiment.coordinates, _stated(true_robot(), ())
+    coordinates, robot = experiment.coordinates, with_file_errors(true_robot(), ())
     point = coordinates.scaled(coordinates.nominal)
     numbers = [
         number for number in uncertain(robot) if not number.name.endswith(("radius", "_mass", "_time"))
@@ -72,7 +72,7 @@ def _inertias(robot: Robot) -> tuple[list[str], list[float]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["drive.torque_constant", "body.inertia.zz", "body.center_of_mass"])
 def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
-    others = {number.name: 0.0 for number in uncertain(_stated(true_robot(), ()))}
+    others = {number.name: 0.0 for number in uncertain(with_file_errors(true_robot(), ()))}
     known = true_robot().annotated(
         standard_deviations={key: size for key, size in others.items() if key != name}
     )
@@ -82,9 +82,9 @@ def test_the_linear_response_to_a_wrong_value_is_that_of_another_fit(name: str):
     estimate = fit(prepared.experiment, at, options=BRIEF)
     by_file = from_file(prepared.experiment, estimate, None)
     (value,) = by_file.values
-    number = next(one for one in uncertain(_stated(known, ())) if one.name == name)
+    number = next(one for one in uncertain(with_file_errors(known, ())) if one.name == name)
     ahead, _, distance = _pair(
-        prepared.experiment, _stated(known, ()), replace(number, deviation=10.0 * number.deviation)
+        prepared.experiment, with_file_errors(known, ()), replace(number, deviation=10.0 * number.deviation)
     )
     assert distance == pytest.approx(0.2)
     again = fit(ahead, at, options=BRIEF)
@@ -142,7 +142,9 @@ def test_deviations_in_a_robot_file_replace_those_of_their_kind(tmp_path):
     own = {"sensors.sample_time": 1e-5, "drive.torque_constant": 0.0, "body.mass": 0.01}
     Robot.load("alten").annotated(standard_deviations=own).write(tmp_path / "robot.toml")
     robot = Robot.load(tmp_path / "robot.toml")
-    sizes = {number.label: number.deviation for number in uncertain(_stated(robot, {"second_moment"}))}
+    sizes = {
+        number.label: number.deviation for number in uncertain(with_file_errors(robot, {"second_moment"}))
+    }
     assert (sizes["sensors.sample_time"], sizes["body.mass"]) == (1e-5, 0.01)
     assert sizes["ball.mass"] == pytest.approx(0.02 * robot.ball.mass)
     # exact, and estimated

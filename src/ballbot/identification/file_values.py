@@ -100,7 +100,7 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate], found: Found
     """
     coordinates, end, p = experiment.coordinates, estimate.finished.end, len(estimate.estimated)
     free = {coordinates.names[i] for i in np.flatnonzero(coordinates.free)}
-    robot = _stated(experiment.predictor.robot, free)
+    robot = with_file_errors(experiment.predictor.robot, free)
     numbers, R = uncertain(robot), correlations(robot)
     pairs = [] if found is None else [found.pair(experiment)]
     before = p + len(pairs)
@@ -136,7 +136,7 @@ def from_file(experiment: Balancing, estimate: Fit[WindowsIterate], found: Found
     )
 
 
-def _stated(robot: Robot, estimated: Collection[str]) -> Robot:
+def with_file_errors(robot: Robot, estimated: Collection[str]) -> Robot:
     """Return a robot with deviations of those values that a prediction takes from its file."""
     lines = {line for name in estimated for line in QUANTITIES[name].lines}
     lines |= {_TORQUE} if "torque_gain" in estimated else set()

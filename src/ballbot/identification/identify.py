@@ -31,6 +31,7 @@ from ballbot.identification.excitation import (
 )
 from ballbot.identification.file_values import FileErrors, file_value_findings, from_file
 from ballbot.identification.laws import LAWS, bounds_of, law_named, robot_by_law
+from ballbot.identification.odometry import WheelFrame
 from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
     BY_NAME,
@@ -391,6 +392,8 @@ def _result(
     found = found_robot(
         robot, layout, uncertainty, torque=by_file.torque, log_count=len(logs), asymmetric=asymmetric
     )
+    wheels = WheelFrame.of(logs, robot)
+    found = found if wheels is None else wheels.corrected(found)
     covariance = uncertainty.correlation * np.outer(errors, errors)
     balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
     held_out = window_errors(predictor, prepared.held_out, values)
@@ -431,7 +434,9 @@ def _result(
             *variation_findings(varied),
             *file_findings(robot, balancing),
             *of_file,
+            *([] if wheels is None else wheels.findings(found)),
         ),
+        wheels=wheels,
         other=estimate.other,
         log_findings=checked.findings,
     )

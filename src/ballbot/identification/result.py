@@ -32,6 +32,7 @@ from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, nei
 from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.file_values import FileValue
 from ballbot.identification.laws import Law
+from ballbot.identification.odometry import WheelFrame
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stated_uncertainty import ends_without_error
@@ -68,6 +69,7 @@ class Identification(Reported):
     findings: tuple[Finding, ...]  #: on the estimate
     file_values: tuple[FileValue, ...] = ()  #: of the robot file, beside the logs' own estimates of them
     contradicted: tuple[str, ...] = ()  #: errors on them that are not accepted
+    wheels: WheelFrame | None = None  #: as odometry depends on them; None if the logs do not show it
     other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
     selection: LawSelection | None = None  #: of the law, if it is "best"
@@ -192,6 +194,7 @@ class Identification(Reported):
                 "share_of_variance": self.layout.by_symbol(self.file_share),
                 "values": self.file_values,
             },
+            "wheels": self.wheels,
             "represents": {
                 BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
                 for name in self.layout.names

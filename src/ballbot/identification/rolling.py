@@ -28,6 +28,7 @@ from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.quantities import Coordinates
 from ballbot.log import Log
+from ballbot.log.evidence import TINY
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 from ballbot.robot.variations import STEP, Uncertain, shifted
@@ -93,8 +94,11 @@ class RollingMotion:
             error=np.stack(error),
         )
 
-    def rolling(self, robot: Robot) -> tuple[float, float]:
-        """Return C_rr of a robot with these masses and lengths, and its standard error."""
+    def solved(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return, for a robot with these masses and lengths, gamma, gamma C_rr and e of each log, and their covariance.
+
+        Each is a pair of real and imaginary part. A log weighs as the inverse of what it leaves unexplained.
+        """
         law = contact_momentum(robot.replace({"friction.rolling": 1.0}))
 
         def turned(matrix: Floats, of: Complex) -> Complex:
@@ -105,18 +109,34 @@ class RollingMotion:
         fallen -= turned(law.lever[:, :2], self.lean_rate)
         against, errors = law.rolling * turned(law.pull, self.against), turned(law.pull, self.error)
         of_logs = self.log[:, None] == np.unique(self.log)
-        Z = np.column_stack(
-            [v, 1j * v, -against, -1j * against, *(error[:, None] * of_logs for error in errors)]
+        columns = [v, 1j * v, -against, -1j * against, *(error[:, None] * of_logs for error in errors)]
+        both = np.column_stack(columns)
+        Z, y, rows = (
+            np.stack([both.real, both.imag]),
+            np.stack([fallen.real, fallen.imag]),
+            of_logs.sum(axis=0),
         )
-        Z, y = np.concatenate([Z.real, Z.imag]), np.concatenate([fallen.real, fallen.imag])
-        inverse = np.linalg.pinv(Z.T @ Z, hermitian=True)
-        found = inverse @ Z.T @ y
+
+        def fitted(weight: Floats) -> tuple[Floats, Floats, Floats]:
+            """Return the parameters, the inverse of their normal matrix, and what is left (2, k)."""
+            inverse = np.linalg.pinv(np.einsum("rki,k,rkj->ij", Z, weight, Z), hermitian=True)
+            found = inverse @ np.einsum("rki,k,rk->i", Z, weight, y)
+            return found, inverse, y - Z @ found
+
+        *_, left = fitted(np.ones(len(v)))
+        weight = of_logs @ (rows / np.maximum((left**2).sum(axis=0) @ of_logs, TINY))
+        found, inverse, left = fitted(weight)
+        scores = weight[:, None] * np.einsum("rki,rk->ki", Z, left)
+        sums = np.add.reduceat(scores, np.arange(0, len(v), TOGETHER), axis=0)
+        few = y.size / (y.size - len(found))
+        return found, few * inverse @ sums.T @ sums @ inverse
+
+    def rolling(self, robot: Robot) -> tuple[float, float]:
+        """Return C_rr of a robot with these masses and lengths, and its standard error."""
+        found, covariance = self.solved(robot)
         turn, size = found[:2] / np.hypot(*found[:2]), float(np.hypot(*found[2:4]))
-        value = float(turn @ found[2:4])
-        influence = (Z @ (turn @ inverse[2:4])) * (y - Z @ found)
-        sums = np.bincount(np.tile(np.arange(len(self.log)) // TOGETHER, 2), weights=influence)
-        few = len(y) / (len(y) - Z.shape[1])
-        return value, float(np.hypot(np.sqrt(few * sums @ sums), _LACKING * size))
+        error = float(np.sqrt(turn @ covariance[2:4, 2:4] @ turn))
+        return float(turn @ found[2:4]), float(np.hypot(error, _LACKING * size))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,136 @@
+"""The wheels' radius and their turn against the IMU, on which odometry depends.
+
+The regression of `ballbot.identification.rolling`, given the ball's velocity as the wheels have it by the robot file,
+gives the complex gain of that velocity. Its size is the true radius over the file's; its angle is the turn of the
+wheels about the vertical against the IMU, by which odometry in the world is turned the other way. Slip that is in
+proportion to the motion counts as radius.
+
+The logs refute a number that is more than `REFUTED` of their own errors away. The robot found then has the mean of
+theirs and the file's, weighed by their variances.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballbot.arrays import Floats
+from ballbot.findings import Finding, warning
+from ballbot.identification.file_values import with_file_errors
+from ballbot.identification.rolling import RollingMotion
+from ballbot.log import Log
+from ballbot.log.columns import wheel_speed_names
+from ballbot.log.pose import with_odometry
+from ballbot.results import reported
+from ballbot.robot import Robot
+from ballbot.robot.parameters import Value
+from ballbot.robot.variations import propagate
+from ballbot.rounding import digits
+
+_RADIUS, _AZIMUTHS = "wheels.radius", "wheels.azimuths"
+#: deviation of the turn of an IMU that is screwed on by hand, by its case's edges [rad]
+MOUNTED = math.radians(1.0)
+#: errors of the logs' own estimate beyond which they refute a number: of 95 % of right ones they do not
+REFUTED = 2.0
+#: by how much the turn and the radius of PULLED simulated robots were further away than their standard errors (RMS)
+_PULLS = 1.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deviating:
+    """By how much a number of the robot differs from its file."""
+
+    deviation: float  #: of the file's
+    own: float  #: by the logs
+    own_error: float  #: with what errors of the file's other numbers do to it
+
+    @reported
+    def correction(self) -> float:
+        """By how much the robot found differs: not at all unless the logs refute the file."""
+        weight = self.deviation**2 / (self.deviation**2 + self.own_error**2)
+        return weight * self.own if abs(self.own) > REFUTED * self.own_error else 0.0
+
+    @property
+    def error(self) -> float:
+        """Standard deviation of what is corrected."""
+        return self.deviation * self.own_error / math.hypot(self.deviation, self.own_error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelFrame:
+    """By how much the wheels differ from the robot file, as far as odometry depends on it."""
+
+    radius: Deviating  #: relative
+    turn: Deviating  #: about the vertical, against the IMU, from forward towards the left [rad]
+
+    @staticmethod
+    def of(logs: Sequence[Log], robot: Robot) -> "WheelFrame | None":
+        """Return what logs show; None if they lack a wheel's speed or are too short."""
+        if not all({*wheel_speed_names(robot.wheel_count)} <= set(log.names) for log in logs):
+            return None
+        motion, known = (
+            RollingMotion.of([with_odometry(log, robot) for log in logs]),
+            with_file_errors(robot, ()),
+        )
+        if motion is None:
+            return None
+        of_radius = float(np.sum(known.standard_deviations[_RADIUS])) / robot.wheels.radius
+        others = {name: size for name, size in known.standard_deviations.items() if name != _RADIUS}
+        (own, errors), robot = _gain(motion, robot), robot.annotated(standard_deviations=others)
+        by_file = [propagate(robot, lambda moved, k=k: _gain(motion, moved)[0][k]).deviation for k in (0, 1)]
+        radius, turn = (
+            Deviating(deviation=deviation, own=of_logs, own_error=error)
+            for deviation, of_logs, error in zip(
+                (of_radius, MOUNTED), own.tolist(), np.hypot(_PULLS * errors, by_file).tolist(), strict=True
+            )
+        )
+        return WheelFrame(radius=radius, turn=turn)
+
+    def corrected(self, robot: Robot) -> Robot:
+        """Return a robot with the corrections."""
+        values, sources, deviations = dict[str, Value](), dict(robot.sources), dict(robot.standard_deviations)
+        if self.radius.correction:
+            radius = robot.wheels.radius * math.exp(self.radius.correction)
+            values[_RADIUS], deviations[_RADIUS] = radius, radius * self.radius.error
+        if self.turn.correction:
+            turned = np.add(robot.wheels.azimuths, self.turn.correction)
+            values[_AZIMUTHS] = tuple((turned - 2.0 * np.pi * (turned > 2.0 * np.pi)).tolist())
+        sources |= dict.fromkeys(
+            values, "identified: from the ball's acceleration, weighed with the file before"
+        )
+        return robot.replace(values).annotated(sources=sources, standard_deviations=deviations)
+
+    def findings(self, robot: Robot) -> list[Finding]:
+        """Return a warning for each correction; `robot` has them."""
+        findings = list[Finding]()
+        if by := math.degrees(self.turn.correction):
+            own, error = np.degrees([self.turn.own, self.turn.own_error])
+            findings.append(
+                warning(
+                    "geometry",
+                    f"The IMU is mounted turned about the vertical: the wheels are turned by {own:.2f} +- {error:.2f} "
+                    f"degrees against it, and positions would be turned by as much. The robot found has all azimuths "
+                    f"turned by {by:.2f} degrees.",
+                )
+            )
+        if self.radius.correction:
+            own, error = 100.0 * self.radius.own, 100.0 * self.radius.own_error
+            findings.append(
+                warning(
+                    "geometry",
+                    f"wheels.radius is {own:.1f} +- {error:.1f} % larger by the ball's acceleration than in the robot "
+                    "file, and positions would be too small by as much. The robot found has "
+                    f"{digits(robot.wheels.radius)} m.",
+                )
+            )
+        return findings
+
+
+def _gain(motion: RollingMotion, robot: Robot) -> tuple[Floats, Floats]:
+    """Return the logarithm of the gain's size and its angle, and their standard errors from the logs."""
+    found, covariance = motion.solved(robot)
+    (re, im), square = found[:2], float(found[:2] @ found[:2])
+    slopes = np.array([[re, im], [-im, re]]) / square
+    errors = np.sqrt((slopes @ covariance[:2, :2] @ slopes.T).diagonal())
+    return np.array([0.5 * np.log(square), np.arctan2(im, re)]), errors
