@@ -1,10 +1,11 @@
-"""Rolling friction by the momentum: it is the floor's, whatever the driveline, the rollers and the mounts do."""
+"""What the momentum shows: the floor's rolling friction, and wheels that the robot file has wrong."""
 
 import numpy as np
 import pytest
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
+from ballbot.identification.odometry import WheelFrame
 from ballbot.identification.rolling import RollingMotion
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -68,3 +69,36 @@ def test_it_follows_the_height_of_the_body_in_the_robot_file(log):
 
 def test_a_log_of_few_seconds_shows_nothing(log):
     assert RollingMotion.of([log.between(0.0, 6.0)]) is None
+
+
+def wheel_frame(log: Log, **changes: float) -> WheelFrame:
+    frame = WheelFrame.of([log], true_robot().replace(changes))
+    assert frame
+    return frame
+
+
+def test_wheels_that_are_as_in_the_robot_file_are_not_corrected(log):
+    frame = wheel_frame(log)
+    assert frame.corrected(true_robot()) == true_robot()
+    assert frame.findings(true_robot()) == []
+
+
+def test_wheels_that_are_turned_against_the_imu_are_found(log):
+    # a turn of the wheels by 3 degrees, known to a third of a degree and weighed with a degree by the mount
+    turned = {name: log[name] for name in ("theta", "phi", "theta_dot", "phi_dot")}
+    for first, second in (("theta", "phi"), ("theta_dot", "phi_dot")):
+        pair = (log[first] + 1j * log[second]) * np.exp(1j * np.radians(3.0))
+        turned |= {first: pair.real, second: pair.imag}
+    frame = wheel_frame(log.with_columns(turned))
+    assert np.degrees(frame.turn.own) == pytest.approx(3.0, abs=0.5)
+    found = frame.corrected(true_robot())
+    by = np.subtract(found.wheels.azimuths, true_robot().wheels.azimuths)
+    assert np.degrees(by) == pytest.approx(3.0, abs=0.7)
+    assert [finding.code for finding in frame.findings(found)] == ["geometry"]
+
+
+def test_a_wheel_radius_that_the_file_has_wrong_is_found_and_weighed_with_the_files(log):
+    frame = wheel_frame(log, **{"wheels.radius": true_robot().wheels.radius / 1.06})
+    # 6 % is 4 deviations of lengths; gravity shows it to a percent
+    assert frame.radius.own == pytest.approx(np.log(1.06), abs=2.0 * frame.radius.own_error)
+    assert 0.01 < frame.radius.correction < frame.radius.own

@@ -110,7 +110,7 @@ class RollingMotion:
         against, errors = law.rolling * turned(law.pull, self.against), turned(law.pull, self.error)
         of_logs = self.log[:, None] == np.unique(self.log)
         columns = [v, 1j * v, -against, -1j * against, *(error[:, None] * of_logs for error in errors)]
-        both = np.column_stack(columns)
+        both: Complex = np.column_stack(columns)
         Z, y, rows = (
             np.stack([both.real, both.imag]),
             np.stack([fallen.real, fallen.imag]),
