@@ -69,15 +69,18 @@ class WheelFrame:
         """Return what logs show; None if they lack a wheel's speed or are too short."""
         if not all({*wheel_speed_names(robot.wheel_count)} <= set(log.names) for log in logs):
             return None
-        motion: RollingMotion | None = RollingMotion.of([with_odometry(log, robot) for log in logs])
+        motion = RollingMotion.of([with_odometry(log, robot) for log in logs])
         if motion is None:
             return None
         known = with_file_errors(robot, ())
         of_radius = float(np.sum(known.standard_deviations.get(_RADIUS, 0.0))) / robot.wheels.radius
         others = {name: size for name, size in known.standard_deviations.items() if name != _RADIUS}
         rest, (own, errors) = robot.annotated(standard_deviations=others), _gain(motion, robot)
-        by_file = [propagate(rest, lambda moved, k=k: _gain(motion, moved)[0][k]).deviation for k in (0, 1)]
-        errors = np.hypot(_PULLS * errors, by_file)
+
+        def by_file(k: int) -> float:
+            return propagate(rest, lambda moved: float(_gain(motion, moved)[0][k])).deviation
+
+        errors = np.hypot(_PULLS * errors, [by_file(k) for k in (0, 1)])
         radius, turn = (
             Deviating(deviation=deviation, own=float(own[k]), own_error=float(errors[k]))
             for k, deviation in enumerate((of_radius, MOUNTED))
