@@ -33,7 +33,7 @@ _RADIUS, _AZIMUTHS = "wheels.radius", "wheels.azimuths"
 MOUNTED = math.radians(1.0)
 #: errors of the logs' own estimate beyond which they refute a number: of 95 % of right ones they do not
 REFUTED = 2.0
-#: by how much the turn and the radius of PULLED simulated robots were further away than their standard errors (RMS)
+#: by how much the turns of twelve simulated robots were further off than their standard errors (root mean square)
 _PULLS = 1.4
 
 
@@ -104,26 +104,25 @@ class WheelFrame:
     def findings(self, robot: Robot) -> list[Finding]:
         """Return a warning for each correction; `robot` has them."""
         findings = list[Finding]()
-        if by := math.degrees(self.turn.correction):
-            own, error = np.degrees([self.turn.own, self.turn.own_error])
-            findings.append(
-                warning(
-                    "geometry",
-                    f"The IMU is mounted turned about the vertical: the wheels are turned by {own:.2f} +- {error:.2f} "
-                    f"degrees against it, and positions would be turned by as much. The robot found has all azimuths "
-                    f"turned by {by:.2f} degrees.",
-                )
+        if self.turn.correction:
+            own, error, by = (
+                math.degrees(abs(x)) for x in (self.turn.own, self.turn.own_error, self.turn.correction)
             )
+            side = "left" if self.turn.own > 0.0 else "right"
+            text = (
+                f"The IMU is mounted turned about the vertical: the wheels are turned to the {side} by {own:.2f} +- "
+                f"{error:.2f} degrees against it, and positions would be turned by as much. The robot found has all "
+                f"azimuths turned by {by:.2f} degrees."
+            )
+            findings.append(warning("geometry", text))
         if self.radius.correction:
-            own, error = 100.0 * self.radius.own, 100.0 * self.radius.own_error
-            findings.append(
-                warning(
-                    "geometry",
-                    f"wheels.radius is {own:.1f} +- {error:.1f} % larger by the ball's acceleration than in the robot "
-                    "file, and positions would be too small by as much. The robot found has "
-                    f"{digits(robot.wheels.radius)} m.",
-                )
+            size = "larger" if self.radius.own > 0.0 else "smaller"
+            text = (
+                f"By the ball's acceleration wheels.radius is {100.0 * abs(self.radius.own):.1f} +- "
+                f"{100.0 * self.radius.own_error:.1f} % {size} than in the robot file, and distances are too. The "
+                f"robot found has {digits(robot.wheels.radius)} m."
             )
+            findings.append(warning("geometry", text))
         return findings
 
 
