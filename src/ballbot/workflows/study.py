@@ -168,7 +168,7 @@ def study(
             f"{fit.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    models = ModelPair.by_friction(model_of(fit.robot))
+    models = ModelPair.by_friction(model_of(fit.robot_of_logs))
     by_log = tuple(
         validate_logs(
             models,
