@@ -71,7 +71,7 @@ class WheelFrame:
         """Return what logs show; None if they lack a wheel's speed or are too short."""
         if not all({*wheel_speed_names(robot.wheel_count)} <= set(log.names) for log in logs):
             return None
-        motion = RollingMotion.of([with_odometry(log, robot) for log in logs])
+        motion = RollingMotion.of([with_odometry(log, robot) for log in logs], robot)
         if motion is None or len(motion.log) < _LEAST:
             return None
         known = with_file_errors(robot, ())

@@ -41,6 +41,8 @@ TOGETHER = 8
 _SLOW = 0.005
 #: bumps that are needed: with one log, 16 numbers for 8 unknowns
 _LEAST = 8
+#: gamma's largest distance from one; logs of a tethered robot have 0.7, those of free ones up to 0.05
+_FREE = 0.15
 #: deviation of C_rr by what rollers, play and delays leave, relative: root mean square on 18 simulated robots
 _LACKING = 0.06
 
@@ -61,8 +63,11 @@ class RollingMotion:
     )
 
     @staticmethod
-    def of(logs: Sequence[Log]) -> "RollingMotion | None":
-        """Return the integrals over logs with one sample time; None if the bumps are too few."""
+    def of(logs: Sequence[Log], robot: Robot) -> "RollingMotion | None":
+        """Return the integrals over logs with one sample time.
+
+        None if the bumps are too few, or more than gravity moves the ball (a tether, a hand, wheels that slip).
+        """
         step = logs[0].sample_time
         count = round(DURATION / step)
         into = np.linspace(0.0, np.pi, count + 1)
@@ -85,7 +90,7 @@ class RollingMotion:
         velocity, lean_rate, upward, against, *error = np.concatenate(pieces, axis=1)
         if len(numbers) < _LEAST:
             return None
-        return RollingMotion(
+        motion = RollingMotion(
             log=np.array(numbers),
             velocity=velocity,
             lean_rate=lean_rate,
@@ -93,6 +98,8 @@ class RollingMotion:
             against=against,
             error=np.stack(error),
         )
+        re, im = motion.solved(robot)[0][:2]
+        return motion if np.hypot(re - 1.0, im) < _FREE else None
 
     def solved(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return, for a robot with these masses and lengths, gamma, gamma C_rr and e of each log, and their covariance.
@@ -151,7 +158,10 @@ class FoundRolling:
     @staticmethod
     def of(logs: Sequence[Log], coordinates: Coordinates, robot: Robot) -> "FoundRolling | None":
         """Return C_rr by logs; None if it is not estimated, or the logs show nothing of it."""
-        own, motion = coordinates.parameters[coordinates.names.index("rolling")], RollingMotion.of(logs)
+        own, motion = (
+            coordinates.parameters[coordinates.names.index("rolling")],
+            RollingMotion.of(logs, robot),
+        )
         if motion is None or own.bounds[0] == own.bounds[1]:
             return None
         value, error = motion.rolling(robot)
