@@ -33,7 +33,7 @@ _RADIUS, _AZIMUTHS = "wheels.radius", "wheels.azimuths"
 MOUNTED = math.radians(1.0)
 #: errors of the logs' own estimate beyond which they refute a number: of 95 % of right ones they do not
 REFUTED = 2.0
-#: bumps of `rolling` that are needed: of 24 of them, 24 s, 14 % were refuted by chance, of 31 2 %
+#: bumps of `rolling` that are needed: in logs of 24 s chance refuted 14 % of right turns, in those of 32 s 2 %
 _LEAST = 30
 #: by how much the turns of twelve simulated robots were further off than their standard errors (root mean square)
 _PULLS = 1.4
@@ -45,7 +45,7 @@ class Deviating:
 
     deviation: float  #: of the file's
     own: float  #: by the logs
-    own_error: float  #: with what errors of the file's other numbers do to it
+    own_error: float  #: of that, with the errors of the file's other numbers
 
     @reported
     def correction(self) -> float:
