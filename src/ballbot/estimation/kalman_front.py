@@ -6,9 +6,11 @@ A sample of a filter, a lane of a block's work array (`ballbot.estimation.kalman
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ballbot.arrays import Floats
 from ballbot.estimation.kalman_model import (
+    BIAS,
     COVARIANCE,
     DIAGONAL,
     FIRST,
@@ -26,6 +28,9 @@ from ballbot.estimation.kalman_model import (
     STATE,
     TOGETHER,
     VARIANCES,
+    WALK,
+    G,
+    S,
     X,
     lever_in,
     state_in,
@@ -37,9 +42,14 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.records import MAX_WHEELS, number, schema_of, whole
 
+_FIRST_WHEEL = FIRST["wheels"]
 _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
+#: of the deviation of the ball's speed by the wheels: where a push or a wheel that slips begins
+_CLEAR = 8.0
+#: variance of what a slipping wheel would show [rad^2/s^2]
+_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +65,7 @@ class FilterMemory:
     #: lately, of the ball on the spot as the wheels have it
     pivoting: float = field(metadata=number("rad/s"))
     pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
+    slipping: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
 
 
 FILTER_MEMORY = schema_of(FilterMemory)
@@ -81,6 +92,7 @@ def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
     memory.pivoting = memory.pivoted = 0.0
+    memory.slipping = 0
     for k in range(2):
         memory.position[k] = position[k]
 
@@ -101,6 +113,63 @@ def _begin(row, filters, lane, memory):
         filters[_place(SHOWN + i, lane)] = math.nan
 
 
+class Turning(NamedTuple):
+    """An angular velocity, or a part of one."""
+
+    x: float
+    y: float
+    z: float
+
+
+@inlined
+def _levelled(lean, of):
+    """Return M(g) of a vector: level, in the heading frame."""
+    g_x, g_y, g_z = lean
+    share = (g_x * of[0] + g_y * of[1]) / (1.0 + g_z)
+    return Turning(
+        of[0] - g_x * (share + of[2]), of[1] - g_y * (share + of[2]), g_x * of[0] + g_y * of[1] + g_z * of[2]
+    )
+
+
+@inlined
+def _without_slip(row, filters, lane, memory, ball_from_wheels, n, turned):
+    """Return the ball's turning relative to the body without the wheel that slips, if one does; let a push be one.
+
+    A wheel that slips at the speed sigma turns the ball by T_obw e_i sigma more, as its encoder has it. A ball that
+    rolls does not pivot, so each wheel would have one sigma; the wheel slips whose sigma leaves the ball nearer the
+    speed expected by half than none would. A push leaves Omega_z as it is.
+    """
+    x, lever, radius = state_in(filters, lane), lever_in(filters, lane), row[1]
+    w = (memory.gyro[0] - x[BIAS], memory.gyro[1] - x[BIAS + 1], memory.gyro[2] - x[BIAS + 2])
+    lean = (x[G], x[G + 1], math.sqrt(max(1.0 - x[G] * x[G] - x[G + 1] * x[G + 1], 1e-6)))
+    ball = _levelled(lean, (turned.x + w[0], turned.y + w[1], turned.z + w[2]))
+    forward = radius * ball.y - x[S] + lever[0][0] * w[0] + lever[0][1] * w[1] + lever[0][2] * w[2]
+    left = -radius * ball.x - x[S + 1] + lever[1][0] * w[0] + lever[1][1] * w[1] + lever[1][2] * w[2]
+    off, slip, before = math.hypot(forward, left), 0.0, memory.slipping
+    limit, memory.slipping = 0.5 * off, 0
+    pivots = abs(ball.z) > _CLEAR * math.sqrt(row[VARIANCES + PIVOTING_SEEN] + row[PIVOTING_VARIANCE] * memory.pivoted)
+    for i in range(n if pivots else 0):
+        by = _levelled(lean, (ball_from_wheels[0, i], ball_from_wheels[1, i], ball_from_wheels[2, i]))
+        speed = ball.z / by.z
+        left_over = math.hypot(forward - radius * speed * by.y, left + radius * speed * by.x)
+        if left_over * (0.5 if before == i + 1 else 1.0) < limit:
+            limit = left_over * (0.5 if before == i + 1 else 1.0)
+            off, slip, memory.slipping = left_over, speed, i + 1
+    push = max(off - _CLEAR * math.sqrt(row[VARIANCES + _FIRST_WHEEL]), 0.0)
+    if pivots and memory.slipping == 0:
+        push = 0.0  # it is not known yet which wheel slips
+    for k in range(2):
+        filters[_place(WALK + S + k, lane)] = row[WALK + S + k] + push * push
+    if memory.slipping == 0:
+        return turned
+    i = memory.slipping - 1
+    return Turning(
+        turned.x - slip * ball_from_wheels[0, i],
+        turned.y - slip * ball_from_wheels[1, i],
+        turned.z - slip * ball_from_wheels[2, i],
+    )
+
+
 @inlined
 def show(row, filters, lane, memory, ball_from_wheels, reading):
     """Give a filter what a reading shows, from the first whole one on; `row` is a record of `KALMAN`."""
@@ -118,10 +187,16 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     for i in range(n if turned else 0):
         memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / passed
         memory.angles[i] = reading.wheel_angles[i]
-    _put(filters, _WHEELS, lane, turned, ball_rate(ball_from_wheels, n, memory.speeds))
-    _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
     # the more the ball lately turned on the spot by the wheels, the less they correct the heading
     pivoted = row[PIVOTING_VARIANCE] * memory.pivoted
+    rate = ball_rate(ball_from_wheels, n, memory.speeds)
+    ball = Turning(rate[0], rate[1], rate[2])
+    if turned and memory.started == _RUNNING:
+        ball = _without_slip(row, filters, lane, memory, ball_from_wheels, n, ball)
+    _put(filters, _WHEELS, lane, turned, ball)
+    _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
+    if memory.slipping > 0:
+        pivoted = _UNKNOWN
     filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
@@ -135,7 +210,7 @@ def see(row, filters, lane, memory, state):
         return
     if memory.started == _BEGUN:
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
-    elif memory.missed == 0:
+    elif memory.missed == 0 and memory.slipping == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
         memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING
