@@ -47,7 +47,7 @@ _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
 #: of the deviation of the ball's speed by the wheels: where a push or a wheel that slips begins
-_CLEAR = 8.0
+_CLEAR, _OFF = 8.0, 6.0
 #: variance of what a slipping wheel would show [rad^2/s^2]
 _UNKNOWN = 1e6
 
@@ -146,16 +146,17 @@ def _without_slip(row, filters, lane, memory, ball_from_wheels, n, turned):
     forward = radius * ball.y - x[S] + lever[0][0] * w[0] + lever[0][1] * w[1] + lever[0][2] * w[2]
     left = -radius * ball.x - x[S + 1] + lever[1][0] * w[0] + lever[1][1] * w[1] + lever[1][2] * w[2]
     off, slip, before = math.hypot(forward, left), 0.0, memory.slipping
-    limit, memory.slipping = 0.5 * off, 0
+    limit, memory.slipping = 0.8 * off, 0
+    clear = _OFF * math.sqrt(row[VARIANCES + _FIRST_WHEEL])
     pivots = abs(ball.z) > _CLEAR * math.sqrt(row[VARIANCES + PIVOTING_SEEN] + row[PIVOTING_VARIANCE] * memory.pivoted)
-    for i in range(n if pivots else 0):
+    for i in range(n if pivots and off > clear else 0):
         by = _levelled(lean, (ball_from_wheels[0, i], ball_from_wheels[1, i], ball_from_wheels[2, i]))
         speed = ball.z / by.z
         left_over = math.hypot(forward - radius * speed * by.y, left + radius * speed * by.x)
         if left_over * (0.5 if before == i + 1 else 1.0) < limit:
             limit = left_over * (0.5 if before == i + 1 else 1.0)
             off, slip, memory.slipping = left_over, speed, i + 1
-    push = max(off - _CLEAR * math.sqrt(row[VARIANCES + _FIRST_WHEEL]), 0.0)
+    push = off if off > clear else 0.0
     if pivots and memory.slipping == 0:
         push = 0.0  # it is not known yet which wheel slips
     for k in range(2):
