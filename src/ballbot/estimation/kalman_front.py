@@ -47,7 +47,7 @@ _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
 #: of the deviation of the ball's speed by the wheels: where a push or a wheel that slips begins
-_CLEAR, _OFF = 8.0, 6.0
+_CLEAR, _OFF, _PUSH, _SHARE = 8.0, 6.0, 1.0, 0.25
 #: variance of what a slipping wheel would show [rad^2/s^2]
 _UNKNOWN = 1e6
 
@@ -65,6 +65,7 @@ class FilterMemory:
     #: lately, of the ball on the spot as the wheels have it
     pivoting: float = field(metadata=number("rad/s"))
     pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
+    off: Floats = field(metadata=number("m/s", 2))  #: mean
     slipping: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
 
 
@@ -94,6 +95,7 @@ def reset_filter(memory, position):
     memory.pivoting = memory.pivoted = 0.0
     memory.slipping = 0
     for k in range(2):
+        memory.off[k] = 0.0
         memory.position[k] = position[k]
 
 
@@ -156,9 +158,15 @@ def _without_slip(row, filters, lane, memory, ball_from_wheels, n, turned):
         if left_over * (0.5 if before == i + 1 else 1.0) < limit:
             limit = left_over * (0.5 if before == i + 1 else 1.0)
             off, slip, memory.slipping = left_over, speed, i + 1
-    push = off if off > clear else 0.0
-    if pivots and memory.slipping == 0:
-        push = 0.0  # it is not known yet which wheel slips
+    if memory.slipping > 0:
+        i = memory.slipping - 1
+        by = _levelled(lean, (ball_from_wheels[0, i], ball_from_wheels[1, i], ball_from_wheels[2, i]))
+        forward, left = forward - radius * slip * by.y, left + radius * slip * by.x
+    memory.off[0] += _SHARE * (forward - memory.off[0])
+    memory.off[1] += _SHARE * (left - memory.off[1])
+    lately = math.hypot(memory.off[0], memory.off[1])
+    # unless it is not known yet which wheel slips
+    push = lately if lately > _PUSH * clear and (memory.slipping > 0 or not pivots) else 0.0
     for k in range(2):
         filters[_place(WALK + S + k, lane)] = row[WALK + S + k] + push * push
     if memory.slipping == 0:
