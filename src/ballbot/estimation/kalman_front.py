@@ -22,6 +22,7 @@ from ballbot.estimation.kalman_model import (
     PIVOTING_SEEN,
     PIVOTING_SHARE,
     PIVOTING_VARIANCE,
+    RADIUS,
     SHOWN,
     START_COVARIANCES,
     START_VARIANCES,
@@ -42,13 +43,20 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.records import MAX_WHEELS, number, schema_of, whole
 
-_FIRST_WHEEL = FIRST["wheels"]
+_SPEED_VARIANCE = VARIANCES + FIRST["wheels"]  # of the ball by the wheels
 _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
-#: of the deviation of the ball's speed by the wheels: where a push or a wheel that slips begins
-_CLEAR, _OFF, _PUSH, _SHARE = 8.0, 6.0, 1.0, 0.25
-#: variance of what a slipping wheel would show [rad^2/s^2]
+#: over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that expected
+#: from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is worse by a
+#: third; with 16 and 8, half of a slip passes
+_PIVOTS, _SLIPS = 12.0, 8.0
+#: the part of that speed below which it must be without the wheel, and the factor in favour of the one before
+_NEARER, _SAME = 0.8, 0.5
+#: time over which the speed beyond that expected is averaged [s], and over its deviation that from which it is a push.
+#: Without the mean, a robot that crosses its play chatters until it slips
+_PUSH_TIME, _PUSHED = 0.02, 6.0
+#: variance of Omega_z while a wheel slips [rad^2/s^2]
 _UNKNOWN = 1e6
 
 
@@ -65,7 +73,7 @@ class FilterMemory:
     #: lately, of the ball on the spot as the wheels have it
     pivoting: float = field(metadata=number("rad/s"))
     pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
-    off: Floats = field(metadata=number("m/s", 2))  #: mean
+    faster: Floats = field(metadata=number("m/s", 2))  #: lately, the ball by the wheels than expected
     slipping: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
 
 
@@ -95,7 +103,7 @@ def reset_filter(memory, position):
     memory.pivoting = memory.pivoted = 0.0
     memory.slipping = 0
     for k in range(2):
-        memory.off[k] = 0.0
+        memory.faster[k] = 0.0
         memory.position[k] = position[k]
 
 
@@ -116,7 +124,7 @@ def _begin(row, filters, lane, memory):
 
 
 class Turning(NamedTuple):
-    """An angular velocity, or a part of one."""
+    """An angular velocity, or a part of one [rad/s]."""
 
     x: float
     y: float
@@ -125,58 +133,57 @@ class Turning(NamedTuple):
 
 @inlined
 def _levelled(lean, of):
-    """Return M(g) of a vector: level, in the heading frame."""
+    """Return M(g) of a vector; `lean` has g."""
     g_x, g_y, g_z = lean
-    share = (g_x * of[0] + g_y * of[1]) / (1.0 + g_z)
-    return Turning(
-        of[0] - g_x * (share + of[2]), of[1] - g_y * (share + of[2]), g_x * of[0] + g_y * of[1] + g_z * of[2]
-    )
+    share = (g_x * of[0] + g_y * of[1]) / (1.0 + g_z) + of[2]
+    return Turning(of[0] - g_x * share, of[1] - g_y * share, g_x * of[0] + g_y * of[1] + g_z * of[2])
+
+
+@inlined
+def _turned_by(ball_from_wheels, wheel):
+    """Return how a wheel's turning turns the ball relative to the body: T_obw e_i."""
+    return Turning(ball_from_wheels[0, wheel], ball_from_wheels[1, wheel], ball_from_wheels[2, wheel])
 
 
 @inlined
 def _without_slip(row, filters, lane, memory, ball_from_wheels, n, turned):
-    """Return the ball's turning relative to the body without the wheel that slips, if one does; let a push be one.
+    """Return the ball's turning relative to the body without that of a wheel that slips; see a push, too.
 
-    A wheel that slips at the speed sigma turns the ball by T_obw e_i sigma more, as its encoder has it. A ball that
-    rolls does not pivot, so each wheel would have one sigma; the wheel slips whose sigma leaves the ball nearer the
-    speed expected by half than none would. A push leaves Omega_z as it is.
+    A wheel that slips by sigma seems to turn the ball by T_obw e_i sigma more. A rolling ball does not pivot, so
+    Omega_z gives each wheel's sigma, and that wheel slips without which the ball's speed is nearest to the one
+    expected. Where the ball pivots, its speed is near that with all of them. A push leaves Omega_z as it is.
     """
-    x, lever, radius = state_in(filters, lane), lever_in(filters, lane), row[1]
+    x, lever, radius = state_in(filters, lane), lever_in(filters, lane), row[RADIUS]
     w = (memory.gyro[0] - x[BIAS], memory.gyro[1] - x[BIAS + 1], memory.gyro[2] - x[BIAS + 2])
     lean = (x[G], x[G + 1], math.sqrt(max(1.0 - x[G] * x[G] - x[G + 1] * x[G + 1], 1e-6)))
     ball = _levelled(lean, (turned.x + w[0], turned.y + w[1], turned.z + w[2]))
-    forward = radius * ball.y - x[S] + lever[0][0] * w[0] + lever[0][1] * w[1] + lever[0][2] * w[2]
-    left = -radius * ball.x - x[S + 1] + lever[1][0] * w[0] + lever[1][1] * w[1] + lever[1][2] * w[2]
-    off, slip, before = math.hypot(forward, left), 0.0, memory.slipping
-    limit, memory.slipping = 0.8 * off, 0
-    clear = _OFF * math.sqrt(row[VARIANCES + _FIRST_WHEEL])
-    pivots = abs(ball.z) > _CLEAR * math.sqrt(row[VARIANCES + PIVOTING_SEEN] + row[PIVOTING_VARIANCE] * memory.pivoted)
-    for i in range(n if pivots and off > clear else 0):
-        by = _levelled(lean, (ball_from_wheels[0, i], ball_from_wheels[1, i], ball_from_wheels[2, i]))
+    # by how much the ball is faster than expected, forward and to the left [m/s]
+    forward = radius * ball.y - (x[S] - lever[0][0] * w[0] - lever[0][1] * w[1] - lever[0][2] * w[2])
+    left = -radius * ball.x - (x[S + 1] - lever[1][0] * w[0] - lever[1][1] * w[1] - lever[1][2] * w[2])
+    deviation = math.sqrt(row[_SPEED_VARIANCE])
+    pivots = abs(ball.z) > _PIVOTS * math.sqrt(
+        row[VARIANCES + PIVOTING_SEEN] + row[PIVOTING_VARIANCE] * memory.pivoted
+    )
+    slips = pivots and math.hypot(forward, left) > _SLIPS * deviation
+    least, least_forward, least_left, slip = _NEARER * math.hypot(forward, left), forward, left, 0.0
+    before, memory.slipping = memory.slipping, 0
+    for i in range(n if slips else 0):
+        by = _levelled(lean, _turned_by(ball_from_wheels, i))
         speed = ball.z / by.z
-        left_over = math.hypot(forward - radius * speed * by.y, left + radius * speed * by.x)
-        if left_over * (0.5 if before == i + 1 else 1.0) < limit:
-            limit = left_over * (0.5 if before == i + 1 else 1.0)
-            off, slip, memory.slipping = left_over, speed, i + 1
-    if memory.slipping > 0:
-        i = memory.slipping - 1
-        by = _levelled(lean, (ball_from_wheels[0, i], ball_from_wheels[1, i], ball_from_wheels[2, i]))
-        forward, left = forward - radius * slip * by.y, left + radius * slip * by.x
-    memory.off[0] += _SHARE * (forward - memory.off[0])
-    memory.off[1] += _SHARE * (left - memory.off[1])
-    lately = math.hypot(memory.off[0], memory.off[1])
-    # unless it is not known yet which wheel slips
-    push = lately if lately > _PUSH * clear and (memory.slipping > 0 or not pivots) else 0.0
+        without_x, without_y = forward - radius * speed * by.y, left + radius * speed * by.x
+        size = math.hypot(without_x, without_y) * (_SAME if before == i + 1 else 1.0)
+        if size < least:
+            least, least_forward, least_left, slip, memory.slipping = size, without_x, without_y, speed, i + 1
+    share = min(row[0] / _PUSH_TIME, 1.0)
+    memory.faster[0] += share * (least_forward - memory.faster[0])
+    memory.faster[1] += share * (least_left - memory.faster[1])
+    push = math.hypot(memory.faster[0], memory.faster[1])
+    if push < _PUSHED * deviation or (pivots and memory.slipping == 0):  # which wheel slips is not yet known
+        push = 0.0
     for k in range(2):
         filters[_place(WALK + S + k, lane)] = row[WALK + S + k] + push * push
-    if memory.slipping == 0:
-        return turned
-    i = memory.slipping - 1
-    return Turning(
-        turned.x - slip * ball_from_wheels[0, i],
-        turned.y - slip * ball_from_wheels[1, i],
-        turned.z - slip * ball_from_wheels[2, i],
-    )
+    by = _turned_by(ball_from_wheels, max(memory.slipping - 1, 0))
+    return Turning(turned.x - slip * by.x, turned.y - slip * by.y, turned.z - slip * by.z)
 
 
 @inlined

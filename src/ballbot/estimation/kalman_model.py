@@ -429,7 +429,7 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
-_LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
+RADIUS, _LEVER, _FORGOTTEN = _PLACE["radius"], _PLACE["lever"], _PLACE["forgotten"]
 PIVOTING_SHARE, PIVOTED_SHARE = _PLACE["pivoting_share"], _PLACE["pivoted_share"]
 PIVOTING_VARIANCE = _PLACE["pivoting_variance"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
