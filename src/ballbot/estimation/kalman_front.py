@@ -6,31 +6,27 @@ A sample of a filter, a lane of a block's work array (`ballbot.estimation.kalman
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from ballbot.arrays import Floats
 from ballbot.estimation.kalman_model import (
-    BIAS,
     COVARIANCE,
     DIAGONAL,
     FIRST,
     GYRO,
     GYRO_BEFORE,
+    KALMAN_TYPE,
     NUMBERS,
     PIVOTED_SHARE,
     PIVOTING,
     PIVOTING_SEEN,
     PIVOTING_SHARE,
     PIVOTING_VARIANCE,
-    RADIUS,
     SHOWN,
     START_COVARIANCES,
     START_VARIANCES,
     STATE,
     TOGETHER,
     VARIANCES,
-    WALK,
-    G,
     S,
     X,
     lever_in,
@@ -38,24 +34,15 @@ from ballbot.estimation.kalman_model import (
 )
 from ballbot.estimation.known import are_known, is_known
 from ballbot.estimation.onboard import ball_rate
+from ballbot.estimation.slip import SLIP, without_slip
 from ballbot.estimation.swing import SwingTwist, begin_filter, robot_state, swing_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.records import MAX_WHEELS, number, schema_of, whole
+from ballbot.records import MAX_WHEELS, Schema, number, schema_of, whole
 
-_SPEED_VARIANCE = VARIANCES + FIRST["wheels"]  # of the ball by the wheels
 _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
-#: over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that expected
-#: from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is worse by a
-#: third; with 16 and 8, half of a slip passes
-_PIVOTS, _SLIPS = 12.0, 8.0
-#: the part of that speed below which it must be without the wheel, and the factor in favour of the one before
-_NEARER, _SAME = 0.8, 0.5
-#: time over which the speed beyond that expected is averaged [s], and over its deviation that from which it is a push.
-#: Without the mean, a robot that crosses its play chatters until it slips
-_PUSH_TIME, _PUSHED = 0.02, 6.0
 #: variance of Omega_z while a wheel slips [rad^2/s^2]
 _UNKNOWN = 1e6
 
@@ -73,11 +60,9 @@ class FilterMemory:
     #: lately, of the ball on the spot as the wheels have it
     pivoting: float = field(metadata=number("rad/s"))
     pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
-    faster: Floats = field(metadata=number("m/s", 2))  #: lately, the ball by the wheels than expected
-    slipping: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
 
 
-FILTER_MEMORY = schema_of(FilterMemory)
+FILTER_MEMORY = Schema(name="filter_memory", fields={**schema_of(FilterMemory).fields, "slip": SLIP})
 FILTER_MEMORY_TYPE = FILTER_MEMORY.dtype()
 
 
@@ -101,9 +86,9 @@ def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
     memory.pivoting = memory.pivoted = 0.0
-    memory.slipping = 0
+    memory.slip.wheel = 0
     for k in range(2):
-        memory.faster[k] = 0.0
+        memory.slip.faster[k] = 0.0
         memory.position[k] = position[k]
 
 
@@ -123,69 +108,6 @@ def _begin(row, filters, lane, memory):
         filters[_place(SHOWN + i, lane)] = math.nan
 
 
-class Turning(NamedTuple):
-    """An angular velocity, or a part of one [rad/s]."""
-
-    x: float
-    y: float
-    z: float
-
-
-@inlined
-def _levelled(lean, of):
-    """Return M(g) of a vector; `lean` has g."""
-    g_x, g_y, g_z = lean
-    share = (g_x * of[0] + g_y * of[1]) / (1.0 + g_z) + of[2]
-    return Turning(of[0] - g_x * share, of[1] - g_y * share, g_x * of[0] + g_y * of[1] + g_z * of[2])
-
-
-@inlined
-def _turned_by(ball_from_wheels, wheel):
-    """Return how a wheel's turning turns the ball relative to the body: T_obw e_i."""
-    return Turning(ball_from_wheels[0, wheel], ball_from_wheels[1, wheel], ball_from_wheels[2, wheel])
-
-
-@inlined
-def _without_slip(row, filters, lane, memory, ball_from_wheels, n, turned):
-    """Return the ball's turning relative to the body without that of a wheel that slips; see a push, too.
-
-    A wheel that slips by sigma seems to turn the ball by T_obw e_i sigma more. A rolling ball does not pivot, so
-    Omega_z gives each wheel's sigma, and that wheel slips without which the ball's speed is nearest to the one
-    expected. Where the ball pivots, its speed is near that with all of them. A push leaves Omega_z as it is.
-    """
-    x, lever, radius = state_in(filters, lane), lever_in(filters, lane), row[RADIUS]
-    w = (memory.gyro[0] - x[BIAS], memory.gyro[1] - x[BIAS + 1], memory.gyro[2] - x[BIAS + 2])
-    lean = (x[G], x[G + 1], math.sqrt(max(1.0 - x[G] * x[G] - x[G + 1] * x[G + 1], 1e-6)))
-    ball = _levelled(lean, (turned.x + w[0], turned.y + w[1], turned.z + w[2]))
-    # by how much the ball is faster than expected, forward and to the left [m/s]
-    forward = radius * ball.y - (x[S] - lever[0][0] * w[0] - lever[0][1] * w[1] - lever[0][2] * w[2])
-    left = -radius * ball.x - (x[S + 1] - lever[1][0] * w[0] - lever[1][1] * w[1] - lever[1][2] * w[2])
-    deviation = math.sqrt(row[_SPEED_VARIANCE])
-    pivots = abs(ball.z) > _PIVOTS * math.sqrt(
-        row[VARIANCES + PIVOTING_SEEN] + row[PIVOTING_VARIANCE] * memory.pivoted
-    )
-    slips = pivots and math.hypot(forward, left) > _SLIPS * deviation
-    least, least_forward, least_left, slip = _NEARER * math.hypot(forward, left), forward, left, 0.0
-    before, memory.slipping = memory.slipping, 0
-    for i in range(n if slips else 0):
-        by = _levelled(lean, _turned_by(ball_from_wheels, i))
-        speed = ball.z / by.z
-        without_x, without_y = forward - radius * speed * by.y, left + radius * speed * by.x
-        size = math.hypot(without_x, without_y) * (_SAME if before == i + 1 else 1.0)
-        if size < least:
-            least, least_forward, least_left, slip, memory.slipping = size, without_x, without_y, speed, i + 1
-    share = min(row[0] / _PUSH_TIME, 1.0)
-    memory.faster[0] += share * (least_forward - memory.faster[0])
-    memory.faster[1] += share * (least_left - memory.faster[1])
-    push = math.hypot(memory.faster[0], memory.faster[1])
-    if push < _PUSHED * deviation or (pivots and memory.slipping == 0):  # which wheel slips is not yet known
-        push = 0.0
-    for k in range(2):
-        filters[_place(WALK + S + k, lane)] = row[WALK + S + k] + push * push
-    by = _turned_by(ball_from_wheels, max(memory.slipping - 1, 0))
-    return Turning(turned.x - slip * by.x, turned.y - slip * by.y, turned.z - slip * by.z)
-
-
 @inlined
 def show(row, filters, lane, memory, ball_from_wheels, reading):
     """Give a filter what a reading shows, from the first whole one on; `row` is a record of `KALMAN`."""
@@ -203,16 +125,18 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     for i in range(n if turned else 0):
         memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / passed
         memory.angles[i] = reading.wheel_angles[i]
-    # the more the ball lately turned on the spot by the wheels, the less they correct the heading
-    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted
     rate = ball_rate(ball_from_wheels, n, memory.speeds)
-    ball = Turning(rate[0], rate[1], rate[2])
+    ball = (rate.x, rate.y, rate.z)
     if turned and memory.started == _RUNNING:
-        ball = _without_slip(row, filters, lane, memory, ball_from_wheels, n, ball)
+        record, x = row.view(KALMAN_TYPE)[0], state_in(filters, lane)
+        rolled = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, rate, n)
+        ball = (rolled.x, rolled.y, rolled.z)
+        for k in range(2):
+            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += rolled.push * rolled.push
     _put(filters, _WHEELS, lane, turned, ball)
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
-    if memory.slipping > 0:
-        pivoted = _UNKNOWN
+    # the more the ball lately turned on the spot by the wheels, the less they correct the heading
+    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted if memory.slip.wheel == 0 else _UNKNOWN
     filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
@@ -226,7 +150,7 @@ def see(row, filters, lane, memory, state):
         return
     if memory.started == _BEGUN:
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
-    elif memory.missed == 0 and memory.slipping == 0:
+    elif memory.missed == 0 and memory.slip.wheel == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
         memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING

@@ -429,11 +429,11 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
-RADIUS, _LEVER, _FORGOTTEN = _PLACE["radius"], _PLACE["lever"], _PLACE["forgotten"]
+_LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
 PIVOTING_SHARE, PIVOTED_SHARE = _PLACE["pivoting_share"], _PLACE["pivoted_share"]
 PIVOTING_VARIANCE = _PLACE["pivoting_variance"]
 START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
-_GYRO_VARIANCE, WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
+_GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS
 STATE = MODEL_SIZE
 COVARIANCE = STATE + STATES
@@ -489,7 +489,7 @@ def _propagate(work, width):
         P = _entries(p)
         columns = [[P(max(k, j), min(k, j)) for k in range(STATES)] for j in range(STATES)]
         FP = [[carried(i, f, column) for i in range(STATES)] for column in columns]
-        walk = restored(_STATE_SHAPE, work, WALK, lane)
+        walk = restored(_STATE_SHAPE, work, _WALK, lane)
         p = propagated(FP, f, entry(work, _GYRO_VARIANCE, lane), walk)
         stored(work, COVARIANCE, lane, tuple(p))
 
