@@ -86,7 +86,7 @@ def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
     memory.pivoting = memory.pivoted = 0.0
-    memory.slip.wheel = 0
+    memory.slip.wheel, memory.slip.push = 0, 0.0
     for k in range(2):
         memory.slip.faster[k] = 0.0
         memory.position[k] = position[k]
@@ -125,14 +125,12 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     for i in range(n if turned else 0):
         memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / passed
         memory.angles[i] = reading.wheel_angles[i]
-    rate = ball_rate(ball_from_wheels, n, memory.speeds)
-    ball = (rate.x, rate.y, rate.z)
+    ball = ball_rate(ball_from_wheels, n, memory.speeds)
     if turned and memory.started == _RUNNING:
         record, x = row.view(KALMAN_TYPE)[0], state_in(filters, lane)
-        rolled = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, rate, n)
-        ball = (rolled.x, rolled.y, rolled.z)
+        ball = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, ball, n)
         for k in range(2):
-            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += rolled.push * rolled.push
+            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += memory.slip.push * memory.slip.push
     _put(filters, _WHEELS, lane, turned, ball)
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
     # the more the ball lately turned on the spot by the wheels, the less they correct the heading

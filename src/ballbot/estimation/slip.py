@@ -11,10 +11,10 @@ file (`tests.support.firmware_law`).
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from ballbot.arrays import Floats
 from ballbot.estimation.kalman_model import BIAS, PIVOTING_SEEN, G, S
+from ballbot.estimation.onboard import AngularVelocity
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import number, schema_of, whole
 
@@ -36,27 +36,13 @@ class SlipMemory:
     """What is known of slip and pushes; zeros at the start."""
 
     wheel: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
-    faster: Floats = field(metadata=number("m/s", 2))  #: lately, the ball than expected, forward and to the left
+    push: float = field(metadata=number("m/s"))  #: by which the speed is unknown after a push, else 0
+    faster: Floats = field(
+        metadata=number("m/s", 2)
+    )  #: lately, the ball than expected, forward and to the left
 
 
 SLIP = schema_of(SlipMemory)
-
-
-class Turning(NamedTuple):
-    """An angular velocity, or a part of one [rad/s]."""
-
-    x: float
-    y: float
-    z: float
-
-
-class Rolled(NamedTuple):
-    """The ball's turning relative to the body as the wheels have it without slip [rad/s], and the size of a push."""
-
-    x: float
-    y: float
-    z: float
-    push: float  # [m/s], 0 if there is none
 
 
 @inlined
@@ -64,7 +50,7 @@ def _levelled(g_x, g_y, x, y, z):
     """Return M(g) of a vector, level in the heading frame."""
     g_z = max(1.0 - g_x * g_x - g_y * g_y, _LEAST_SQUARE) ** 0.5
     share = (g_x * x + g_y * y) / (1.0 + g_z) + z
-    return Turning(x - g_x * share, y - g_y * share, g_x * x + g_y * y + g_z * z)
+    return AngularVelocity(x - g_x * share, y - g_y * share, g_x * x + g_y * y + g_z * z)
 
 
 @inlined
@@ -75,14 +61,15 @@ def _expected_speed(record, x, k, w_x, w_y, w_z):
 
 @inlined
 def _size(x, y):
+    """Return a speed from its components [m/s]."""
     return (x * x + y * y) ** 0.5
 
 
 @inlined
 def without_slip(record, memory, pivoted, x, gyro, turned, n):
-    """Return what the wheels show, less one's slip, and the size of a push.
+    """Return the ball's turning relative to the body less what a wheel slips by [rad/s]; the memory has what was seen.
 
-    `turned` is the ball's turning relative to the body by all n wheels, `pivoted` the mean square of its pivoting
+    `turned` is that by all n wheels, `pivoted` the mean square of its pivoting
     lately, x the filter's state before the sample and gyro (3) [rad/s] at its end.
     """
     w_x, w_y, w_z = gyro[0] - x[BIAS], gyro[1] - x[BIAS + 1], gyro[2] - x[BIAS + 2]
@@ -94,29 +81,27 @@ def without_slip(record, memory, pivoted, x, gyro, turned, n):
     pivots, before = abs(ball.z) > _PIVOTS * of_pivoting, memory.wheel
     least, slip, first, second = _NEARER * _size(forward, left), 0.0, forward, left
     memory.wheel = 0
-    for i in range(n if pivots and _size(forward, left) > _SLIPS * deviation else 0):
-        by_x, by_y, by_z = record.ball_turn[0][i], record.ball_turn[1][i], record.ball_turn[2][i]
-        by = _levelled(x[G], x[G + 1], by_x, by_y, by_z)
+    candidates = n if pivots and _size(forward, left) > _SLIPS * deviation else 0
+    for i in range(candidates):
+        by = _levelled(x[G], x[G + 1], record.ball_turn[0][i], record.ball_turn[1][i], record.ball_turn[2][i])
         speed = ball.z / by.z
         others_forward = forward - record.radius * speed * by.y
         others_left = left + record.radius * speed * by.x
-        size = _size(others_forward, others_left) * (_SAME if before == i + 1 else 1.0)
-        if size < least:
-            least, slip, first, second = size, speed, others_forward, others_left
+        off = _size(others_forward, others_left) * (_SAME if before == i + 1 else 1.0)
+        if off < least:
+            least, slip, first, second = off, speed, others_forward, others_left
             memory.wheel = i + 1
     share = min(record.sample_time / _PUSH_TIME, 1.0)
     memory.faster[0] += share * (first - memory.faster[0])
     memory.faster[1] += share * (second - memory.faster[1])
     push = _size(memory.faster[0], memory.faster[1])
     unclear = pivots and memory.wheel == 0  # which wheel slips
-    if push < _PUSHED * deviation or unclear:
-        push = 0.0
+    memory.push = 0.0 if push < _PUSHED * deviation or unclear else push
     if memory.wheel == 0:
-        return Rolled(turned.x, turned.y, turned.z, push)
-    i = memory.wheel - 1
-    return Rolled(
-        turned.x - slip * record.ball_turn[0][i],
-        turned.y - slip * record.ball_turn[1][i],
-        turned.z - slip * record.ball_turn[2][i],
-        push,
+        return turned
+    wheel = memory.wheel - 1
+    return AngularVelocity(
+        turned.x - slip * record.ball_turn[0][wheel],
+        turned.y - slip * record.ball_turn[1][wheel],
+        turned.z - slip * record.ball_turn[2][wheel],
     )
