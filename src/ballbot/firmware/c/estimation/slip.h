@@ -7,6 +7,7 @@
 #define BALLBOT_SLIP_H
 
 #include "estimation/kalman_model.h"
+#include "estimation/onboard.h"
 
 /* Return the ball's turning relative to the body less what a wheel slips by [rad/s]; the memory has what was seen.
  *
