@@ -152,7 +152,8 @@ def law_files() -> dict[str, str]:
         ),
         "estimation/slip.h": _file(
             (slip,), "Wheels that slip, and pushes.",
-            f'#include "estimation/kalman_model.h"\n#include "estimation/onboard.h"\n\n{made.declarations(slip)}', "BALLBOT_SLIP_H",
+            f'#include "estimation/kalman_model.h"\n#include "estimation/onboard.h"\n\n{made.declarations(slip)}',
+            "BALLBOT_SLIP_H",
         ),
         "estimation/known.h": _file(
             (known,), "What both estimators ask of a reading.",
