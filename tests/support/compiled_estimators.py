@@ -94,7 +94,7 @@ def hours_library(precision: Precision) -> ctypes.CDLL:
     """Return the estimators in C in one precision, with what drives it (`firmware_hours.c`)."""
     here = Path(__file__).parent
     sources = [
-        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "swing.c")),
+        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "slip.c", "swing.c")),
         here / "firmware_hours.c",
     ]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]
