@@ -94,8 +94,11 @@ def test_kalman_filter_is_python_s_but_for_rounding(run):
     """The C code is Python's derivation: only the order of some sums differs, and the C library's sine and cosine."""
     kept = recorded(run)
     of_c = Compiled("kalman", kept.robot, precision="double")
-    for _ in range(2):  # again after a reset; 3e-15 measured
-        assert (apart(kept, [of_c.update(reading) for reading in kept.given]) < 1e-13).all()
+    # 3e-15 measured. While a push is followed, the speed is that of the wheels, whose angles are rounded in Python, and
+    # counts in C: 9e-10 m/s measured
+    most = 1e-13 if run == "balanced" else 5e-9
+    for _ in range(2):  # again after a reset
+        assert (apart(kept, [of_c.update(reading) for reading in kept.given]) < most).all()
         of_c.reset()
     # in single precision, as on the robot
     of_c = Compiled("kalman", kept.robot)

@@ -17,9 +17,9 @@ from ballbot.arrays import Floats
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import kalman_record
 from ballbot.estimation.kalman_model import KalmanRecord
-from ballbot.estimation.onboard import OnboardMemory, OnboardRecord, onboard_record
+from ballbot.estimation.onboard import ONBOARD_MEMORY, OnboardRecord, onboard_record
 from ballbot.firmware.build import compile_sources
-from ballbot.firmware.estimators import KalmanMemory, reading_record
+from ballbot.firmware.estimators import KALMAN_MEMORY, reading_record
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
 from ballbot.records import Precision, converted, fill_record, schema_of
@@ -29,7 +29,7 @@ from tests.support.compiled_firmware import library
 H = 0.005  #: [s]
 #: included before a source, it is compiled in double precision
 DOUBLE = Path(__file__).with_name("firmware_double.h")
-MEMORIES = {"onboard": OnboardMemory, "kalman": KalmanMemory}
+MEMORIES = {"onboard": ONBOARD_MEMORY, "kalman": KALMAN_MEMORY}
 
 _REAL = {"single": np.float32, "double": np.float64}
 
@@ -58,7 +58,7 @@ class Compiled:
         self.precision: Precision = precision
         numbers = make(robot, sample_time=sample_time)
         self.record = record_of(numbers, precision)
-        self.memory = np.zeros(1, schema_of(MEMORIES[name]).dtype(precision))
+        self.memory = np.zeros(1, MEMORIES[name].dtype(precision))
         self._state = np.zeros(10, _REAL[precision])
         functions = library().functions if precision == "single" else hours_library(precision)
         self._update, self._reset = (getattr(functions, f"ballbot_{name}_{do}") for do in ("update", "reset"))
@@ -94,7 +94,7 @@ def hours_library(precision: Precision) -> ctypes.CDLL:
     """Return the estimators in C in one precision, with what drives it (`firmware_hours.c`)."""
     here = Path(__file__).parent
     sources = [
-        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "swing.c")),
+        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "slip.c", "swing.c")),
         here / "firmware_hours.c",
     ]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]
@@ -123,7 +123,7 @@ class Driven:
 
     def __init__(self, robot: Robot, precision: Precision, *, h: float = H, fixes: float = 0.0) -> None:
         self.record = record_of(kalman_record(robot, sample_time=h), precision)
-        self.memory = np.zeros(1, schema_of(KalmanMemory).dtype(precision))
+        self.memory = np.zeros(1, KALMAN_MEMORY.dtype(precision))
         self.state = np.zeros(10, _REAL[precision])
         wheels = np.zeros((4, 3))
         wheels[: robot.wheel_count] = transforms(robot).T_owb

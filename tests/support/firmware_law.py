@@ -4,7 +4,7 @@
     c/parts/steps.h      the steps of these parts
     c/parts/NAME.c       a part, from the file of that name
     c/parts/tuning.c, c/decide.c     from `tuning` and `law`
-    c/estimation/heading.c, swing.c, onboard.c, known.h     from the modules of these names
+    c/estimation/heading.c, swing.c, slip.c, onboard.c, known.h     from the modules of these names
 
 By hand are the policy, whose network has its size from its weights, and `law.c`, which looks at state and reference.
 `tests.support.python_to_c` translates; `tests.support.firmware_headers` writes the files.
@@ -28,7 +28,8 @@ from ballbot.control.parts import (
     reference_shaping,
 )
 from ballbot.errors import InputError
-from ballbot.estimation import heading, known, onboard, swing
+from ballbot.estimation import heading, known, onboard, slip, swing
+from ballbot.estimation.kalman_model import KALMAN
 from ballbot.firmware.estimators import READING
 from ballbot.mechanics.engine import compensated_sum
 from ballbot.mechanics.engine.elementary import sine_cosine
@@ -61,7 +62,7 @@ NAMES = {
     "BIAS": "B_X",
     "G": "G_X",
     "S": "S_X",
-    **{name: name for name in ("PSI", "SHOWN_PSI", "X")},
+    **{name: name for name in ("PSI", "SHOWN_PSI", "X", "PIVOTING_SEEN")},
 }
 #: the parts that are written; not the policy
 PARTS = (tuning, disturbance_observer, prediction, reference_shaping, feed_forward, lean_limit, integral, compensation,
@@ -87,6 +88,8 @@ def program() -> Program:
     made.add(swing.swing_of, [REAL] * 3)
     made.add(swing.begin_filter, [_LEVER, values(swing.SwingTwist), _GYRO, _STATES])
     made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
+    turning = values(onboard.AngularVelocity)
+    made.add(slip.without_slip, [record(KALMAN), record(slip.SLIP), REAL, _STATES, _GYRO, turning, WHOLE])
     made.add(known.are_known, [Type("float", ("",)), WHOLE])
     of_onboard = record(onboard.ONBOARD), record(onboard.ONBOARD_MEMORY)
     made.add(onboard.onboard_reset, [of_onboard[1], Type("float", ("2",))])
@@ -114,7 +117,7 @@ def law_files() -> dict[str, str]:
     """Return the text of each file, by its path in the sources."""
     made = program()
     if unknown := {one.module for one in made.functions.values()} - {
-        *(part, heading, swing, known, onboard, law),
+        *(part, heading, swing, slip, known, onboard, law),
         *PARTS,
     }:
         names = ", ".join(sorted(one.__name__ for one in unknown))
@@ -143,6 +146,14 @@ def law_files() -> dict[str, str]:
         "estimation/swing.h": _file(
             (swing,), "Attitudes as lean and heading, and the robot's state.",
             f'#include "estimation/kalman_model.h"\n\n{made.declarations(swing)}', "BALLBOT_SWING_H",
+        ),
+        "estimation/slip.c": _file(
+            (slip,), slip.__doc__ or "", f'#include "estimation/slip.h"\n\n{made.sources(slip)}'
+        ),
+        "estimation/slip.h": _file(
+            (slip,), "Wheels that slip, and pushes.",
+            f'#include "estimation/kalman_model.h"\n#include "estimation/onboard.h"\n\n{made.declarations(slip)}',
+            "BALLBOT_SLIP_H",
         ),
         "estimation/known.h": _file(
             (known,), "What both estimators ask of a reading.",

@@ -14,6 +14,7 @@ from ballbot.estimation.kalman_model import (
     FIRST,
     GYRO,
     GYRO_BEFORE,
+    KALMAN_TYPE,
     NUMBERS,
     PIVOTED_SHARE,
     PIVOTING,
@@ -26,20 +27,24 @@ from ballbot.estimation.kalman_model import (
     STATE,
     TOGETHER,
     VARIANCES,
+    S,
     X,
     lever_in,
     state_in,
 )
 from ballbot.estimation.known import are_known, is_known
 from ballbot.estimation.onboard import ball_rate
+from ballbot.estimation.slip import SLIP, without_slip
 from ballbot.estimation.swing import SwingTwist, begin_filter, robot_state, swing_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.records import MAX_WHEELS, number, schema_of, whole
+from ballbot.records import MAX_WHEELS, Schema, number, schema_of, whole
 
 _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
+#: variance of Omega_z while a wheel slips [rad^2/s^2]
+_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +62,7 @@ class FilterMemory:
     pivoted: float = field(metadata=number("rad^2/s^2"))  #: mean of its squares
 
 
-FILTER_MEMORY = schema_of(FilterMemory)
+FILTER_MEMORY = Schema(name="filter_memory", fields={**schema_of(FilterMemory).fields, "slip": SLIP})
 FILTER_MEMORY_TYPE = FILTER_MEMORY.dtype()
 
 
@@ -81,7 +86,9 @@ def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
     memory.pivoting = memory.pivoted = 0.0
+    memory.slip.wheel, memory.slip.push = 0, 0.0
     for k in range(2):
+        memory.slip.faster[k] = 0.0
         memory.position[k] = position[k]
 
 
@@ -118,10 +125,16 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     for i in range(n if turned else 0):
         memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / passed
         memory.angles[i] = reading.wheel_angles[i]
-    _put(filters, _WHEELS, lane, turned, ball_rate(ball_from_wheels, n, memory.speeds))
+    ball = ball_rate(ball_from_wheels, n, memory.speeds)
+    if turned and memory.started == _RUNNING:
+        record, x = row.view(KALMAN_TYPE)[0], state_in(filters, lane)
+        ball = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, ball, n)
+        for k in range(2):
+            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += memory.slip.push * memory.slip.push
+    _put(filters, _WHEELS, lane, turned, ball)
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
     # the more the ball lately turned on the spot by the wheels, the less they correct the heading
-    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted
+    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted if memory.slip.wheel == 0 else _UNKNOWN
     filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
@@ -135,7 +148,7 @@ def see(row, filters, lane, memory, state):
         return
     if memory.started == _BEGUN:
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
-    elif memory.missed == 0:
+    elif memory.missed == 0 and memory.slip.wheel == 0:
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
         memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import Floats, Ints
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman_model import DIRECT, STATES
+from ballbot.estimation.slip import SLIP
 from ballbot.records import MAX_WHEELS, Number, Precision, Schema, number, schema_of, whole
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
@@ -53,6 +54,10 @@ class KalmanMemory:
     x: Floats = field(metadata=number("state", STATES))
     rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
     P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance
+
+
+_KALMAN_MEMORY = schema_of(KalmanMemory)
+KALMAN_MEMORY = replace(_KALMAN_MEMORY, fields={**_KALMAN_MEMORY.fields, "slip": SLIP})
 
 
 def whole_counts(angles: ArrayLike, *, robot: Robot) -> NDArray[np.int32]:

@@ -42,6 +42,8 @@ _PHASE = 20
 #: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, beyond what
 #: the torques of any law can do, turned
 _OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (10.0, 5.0, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
+#: speed by which a wheel slips for six samples of forty [rad/s]
+_SLIP = 15.0
 #: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
 _SLOW = 0.001
 #: the row of a plan in the last of these phases: lean [rad], speed [m/s], and the change of its rate [rad/s]
@@ -215,7 +217,10 @@ def readings(
     missing: float = 0.0,  # chance that encoders, gyro or attitude are missing in a sample
     fixes: float = 0.0,  # chance of a fix in a sample
 ) -> Iterator[Reading]:
-    """Yield what the sensors of a robot show that sways, turns and rolls; single-precision numbers, whole counts."""
+    """Yield what the sensors of a robot show that sways, turns, rolls, pivots and slips with one wheel or another.
+
+    The numbers are of single precision, the counts whole.
+    """
     random = np.random.default_rng(seed)
     step, wheels = encoder_step(robot), transforms(robot).T_owb
     bias, drift = random.normal(0.0, 2e-3, 3), 1.5e-3
@@ -229,9 +234,12 @@ def readings(
             [0.052 * np.cos(1.3 * t), 0.051 * np.sin(1.7 * t), 0.3 * np.cos(t) + 0.3 * np.sin(0.2 * t)]
         )
         gyro = body_rates_matrix(*attitude) @ rate
-        v_x, v_y = 0.4 * np.sin(0.5 * t), 0.3 * np.cos(0.3 * t)
+        v_x, v_y = 0.4 * np.sin(0.5 * t), 0.3 * np.sin(0.3 * t)
         ball = rotation(*attitude).T @ np.array([-v_y, v_x, 0.0]) / robot.ball.radius
-        angles = angles + h * (wheels @ (ball - gyro))
+        turn = k // 60 % (robot.wheel_count + 1)  # of the wheels, and of the ball, which pivots
+        who = (np.arange(robot.wheel_count) == turn) | (turn == robot.wheel_count)
+        slip = np.where(who, _SLIP * (k % 60 > 55), 0.0)
+        angles = angles + h * (wheels @ (ball - gyro) + slip)
         before, counted = counted, np.floor(angles / step) * step
         gyro = gyro + bias + random.normal(0.0, robot.sensors.gyro_noise, 3)
         shown = attitude + random.normal(0.0, robot.sensors.attitude_noise, 3) + [0.0, 0.0, drift * t]
@@ -240,7 +248,9 @@ def readings(
         )
         lost = random.random(3) < missing
         heading = float(attitude[2]) + 2.0 * np.pi * random.integers(-2, 3)
-        position = np.array([0.8 - 0.8 * np.cos(0.5 * t), np.sin(0.3 * t)]) + random.normal(0.0, 0.005, 2)
+        position = np.array([0.8 - 0.8 * np.cos(0.5 * t), 1.0 - np.cos(0.3 * t)]) + random.normal(
+            0.0, 0.005, 2
+        )
         yield Reading(
             wheel_angles=np.full_like(counted, np.nan) if lost[0] else counted,
             wheel_speeds=np.full_like(speeds, np.nan) if lost[0] else speeds,

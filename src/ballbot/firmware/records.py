@@ -20,7 +20,7 @@ from ballbot.estimation.kalman import kalman_record
 from ballbot.estimation.kalman_model import KALMAN
 from ballbot.estimation.onboard import ONBOARD, ONBOARD_MEMORY, onboard_record
 from ballbot.firmware.bounds import check_bounds
-from ballbot.firmware.estimators import READING, KalmanMemory
+from ballbot.firmware.estimators import KALMAN_MEMORY, READING
 from ballbot.firmware.self_test import SelfTestRecord, self_test_record
 from ballbot.records import (
     MAX_WHEELS,
@@ -168,7 +168,7 @@ STATE = Schema(
         "imu_check": schema_of(ImuCheckState),
         "memory": MEMORY,
         "onboard": ONBOARD_MEMORY,
-        "kalman": schema_of(KalmanMemory),
+        "kalman": KALMAN_MEMORY,
     },
 )
 FIRMWARE = Schema(name="firmware", fields={"parameters": PARAMETERS, "state": STATE, "reading": READING})

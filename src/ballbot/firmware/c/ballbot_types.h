@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "5f20744550043dfd69b353f8f96ebd492a18c41967f5aa8cd6f4fee41190107f"
+#define BALLBOT_SCHEMA_DIGEST "6206b78e68c6e29d211c62e91052ee96617194750d6f3531d3fe867b2d28c21a"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1595962437, 1342455293, 1773360120, 2037300553, 706266137, 1744153228, 1458896612, 294654079 }
+#define BALLBOT_SCHEMA_WORDS { 1644607374, 1757864605, 555508457, 273870486, 1634833525, 225391921, 1409189499, 757645850 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -424,6 +424,14 @@ struct ballbot_onboard_memory {
 };
 typedef char ballbot_onboard_memory_has_no_padding[(sizeof(struct ballbot_onboard_memory) == 13u * sizeof(float)) ? 1 : -1];
 
+/* What is known of slip and pushes; zeros at the start. */
+struct ballbot_slip_memory {
+    int32_t wheel;
+    float push; /* [m/s] */
+    float faster[2]; /* [m/s] */
+};
+typedef char ballbot_slip_memory_has_no_padding[(sizeof(struct ballbot_slip_memory) == 4u * sizeof(float)) ? 1 : -1];
+
 /* What the Kalman filter remembers. */
 struct ballbot_kalman_memory {
     int32_t started;
@@ -435,8 +443,9 @@ struct ballbot_kalman_memory {
     float x[14]; /* [state] */
     float rest[14]; /* [state] */
     float P[14][14]; /* [product of two states] */
+    struct ballbot_slip_memory slip;
 };
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 235u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 239u * sizeof(float)) ? 1 : -1];
 
 /* All that changes while the robot runs. */
 struct ballbot_state {
@@ -449,7 +458,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 879u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 883u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
