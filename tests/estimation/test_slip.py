@@ -61,5 +61,6 @@ def test_push_is_followed():
     speed = np.clip(10.0 * H * (np.arange(200) - 100), 0.0, 1.0)
     states, wheels = estimated(Robot.load("alten"), speed, np.zeros((200, 3)))
     assert not wheels.any()
-    assert np.abs(states[120:, 5] - 1.0).max() < 0.2  # behind by the time over which it is averaged, 20 ms of 10 m/s^2
+    # behind by the time over which it is averaged, 20 ms of 10 m/s^2
+    assert np.abs(states[120:, 5] - 1.0).max() < 0.2
     assert np.abs(states[160:, 5] - 1.0).max() < 0.02
