@@ -2,7 +2,7 @@
 
 A wheel that slips on the ball by sigma seems to turn the ball by T_obw e_i sigma more than it turns. The ball rolls
 without pivoting, so from Omega_z each wheel has one sigma that it would slip by; the wheel is taken to slip without
-which the ball's speed is nearest to the one that lean and momentum let expect. If the ball does pivot, its speed is
+which the ball's speed is nearest to the one expected by lean and momentum. If the ball does pivot, its speed is
 near that with all wheels. A push changes the speed and leaves Omega_z as it is.
 
 What one wheel slips by is taken off, Omega_z shows nothing then, and a push makes the momentum unknown by so much. Two
@@ -37,9 +37,8 @@ class SlipMemory:
 
     wheel: int = field(metadata=whole())  #: 1 + the number of the wheel that slips, else 0
     push: float = field(metadata=number("m/s"))  #: by which the speed is unknown after a push, else 0
-    faster: Floats = field(
-        metadata=number("m/s", 2)
-    )  #: lately, the ball than expected, forward and to the left
+    #: mean speed of the ball, forward and to the left, beyond that expected
+    faster: Floats = field(metadata=number("m/s", 2))
 
 
 SLIP = schema_of(SlipMemory)
@@ -69,8 +68,8 @@ def _size(x, y):
 def without_slip(record, memory, pivoted, x, gyro, turned, n):
     """Return the ball's turning relative to the body less what a wheel slips by [rad/s]; the memory has what was seen.
 
-    `turned` is that by all n wheels, `pivoted` the mean square of its pivoting
-    lately, x the filter's state before the sample and gyro (3) [rad/s] at its end.
+    `turned` is that by all n wheels, `pivoted` the mean square of its pivoting lately, x the filter's state before the
+    sample, and gyro (3) [rad/s] at its end.
     """
     w_x, w_y, w_z = gyro[0] - x[BIAS], gyro[1] - x[BIAS + 1], gyro[2] - x[BIAS + 2]
     ball = _levelled(x[G], x[G + 1], turned.x + w_x, turned.y + w_y, turned.z + w_z)

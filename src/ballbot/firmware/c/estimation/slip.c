@@ -5,7 +5,7 @@
  *
  * A wheel that slips on the ball by sigma seems to turn the ball by T_obw e_i sigma more than it turns. The ball rolls
  * without pivoting, so from Omega_z each wheel has one sigma that it would slip by; the wheel is taken to slip without
- * which the ball's speed is nearest to the one that lean and momentum let expect. If the ball does pivot, its speed is
+ * which the ball's speed is nearest to the one expected by lean and momentum. If the ball does pivot, its speed is
  * near that with all wheels. A push changes the speed and leaves Omega_z as it is.
  *
  * What one wheel slips by is taken off, Omega_z shows nothing then, and a push makes the momentum unknown by so much. Two
@@ -59,8 +59,8 @@ static float size(float x, float y)
 
 /* Return the ball's turning relative to the body less what a wheel slips by [rad/s]; the memory has what was seen.
  *
- * turned is that by all n wheels, pivoted the mean square of its pivoting
- * lately, x the filter's state before the sample and gyro (3) [rad/s] at its end.
+ * turned is that by all n wheels, pivoted the mean square of its pivoting lately, x the filter's state before the
+ * sample, and gyro (3) [rad/s] at its end.
  */
 struct ballbot_angular_velocity ballbot_without_slip(const struct ballbot_kalman_record *record,
         struct ballbot_slip_memory *memory, float pivoted, const float x[STATES], const float gyro[3],

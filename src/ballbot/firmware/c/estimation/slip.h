@@ -11,8 +11,8 @@
 
 /* Return the ball's turning relative to the body less what a wheel slips by [rad/s]; the memory has what was seen.
  *
- * turned is that by all n wheels, pivoted the mean square of its pivoting
- * lately, x the filter's state before the sample and gyro (3) [rad/s] at its end.
+ * turned is that by all n wheels, pivoted the mean square of its pivoting lately, x the filter's state before the
+ * sample, and gyro (3) [rad/s] at its end.
  */
 struct ballbot_angular_velocity ballbot_without_slip(const struct ballbot_kalman_record *record,
         struct ballbot_slip_memory *memory, float pivoted, const float x[STATES], const float gyro[3],
