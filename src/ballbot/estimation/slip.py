@@ -20,7 +20,7 @@ from ballbot.records import number, schema_of, whole
 
 #: over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that expected
 #: from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is worse by a
-#: third; with 16 and 8, half of a slip passes
+#: third on the square; with 16 and 8, a part of a slip passes
 _PIVOTS, _SLIPS = 12.0, 8.0
 #: the part of that speed below which it must be without the wheel, and a factor in favour of the wheel before
 _NEARER, _SAME = 0.8, 0.5

@@ -42,7 +42,7 @@ _PHASE = 20
 #: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, beyond what
 #: the torques of any law can do, turned
 _OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (10.0, 5.0, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
-#: speed by which a wheel slips for six samples of forty [rad/s]
+#: speed by which a wheel slips, or the ball pivots, for four samples of sixty [rad/s]
 _SLIP = 15.0
 #: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
 _SLOW = 0.001

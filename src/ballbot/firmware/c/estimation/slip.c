@@ -18,13 +18,13 @@
 #define LEAST_SQUARE 1e-06f
 /* over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that
  * expected from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is
- * worse by a third; with 16 and 8, half of a slip passes */
+ * worse by a third on the square; with 16 and 8, a part of a slip passes */
 #define PIVOTS 12.0f
 /* the part of that speed below which it must be without the wheel, and a factor in favour of the wheel before */
 #define NEARER 0.8f
 /* over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that
  * expected from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is
- * worse by a third; with 16 and 8, half of a slip passes */
+ * worse by a third on the square; with 16 and 8, a part of a slip passes */
 #define SLIPS 8.0f
 /* the part of that speed below which it must be without the wheel, and a factor in favour of the wheel before */
 #define SAME 0.5f
