@@ -148,7 +148,8 @@ def law_files() -> dict[str, str]:
             f'#include "estimation/kalman_model.h"\n\n{made.declarations(swing)}', "BALLBOT_SWING_H",
         ),
         "estimation/slip.c": _file(
-            (slip,), slip.__doc__ or "", f'#include "estimation/slip.h"\n\n{made.sources(slip)}'
+            (slip,), slip.__doc__ or "",
+            f'#include "estimation/slip.h"\n\n#include "estimation/swing.h"\n\n{made.sources(slip)}',
         ),
         "estimation/slip.h": _file(
             (slip,), "Wheels that slip, and pushes.",

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from ballbot.arrays import Floats
 from ballbot.estimation.kalman_model import BIAS, PIVOTING_SEEN, G, S
 from ballbot.estimation.onboard import AngularVelocity
+from ballbot.estimation.swing import lever_speed, root_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import number, schema_of, whole
 
@@ -27,8 +28,6 @@ _NEARER, _SAME = 0.8, 0.5
 #: time over which the speed beyond that expected is averaged [s], and over its deviation that from which it is a push.
 #: Without the mean, a robot chatters through its play after a push until its wheels slip
 _PUSH_TIME, _PUSHED = 0.02, 6.0
-#: least square of g_z
-_LEAST_SQUARE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,15 +46,9 @@ SLIP = schema_of(SlipMemory)
 @inlined
 def _levelled(g_x, g_y, x, y, z):
     """Return M(g) of a vector, level in the heading frame."""
-    g_z = max(1.0 - g_x * g_x - g_y * g_y, _LEAST_SQUARE) ** 0.5
+    g_z = root_of(1.0 - g_x * g_x - g_y * g_y)
     share = (g_x * x + g_y * y) / (1.0 + g_z) + z
     return AngularVelocity(x - g_x * share, y - g_y * share, g_x * x + g_y * y + g_z * z)
-
-
-@inlined
-def _expected_speed(record, x, k, w_x, w_y, w_z):
-    """Return v = s - C w, component k [m/s]."""
-    return x[S + k] - (record.lever[k][0] * w_x + record.lever[k][1] * w_y + record.lever[k][2] * w_z)
 
 
 @inlined
@@ -73,8 +66,8 @@ def without_slip(record, memory, pivoted, x, gyro, turned, n):
     """
     w_x, w_y, w_z = gyro[0] - x[BIAS], gyro[1] - x[BIAS + 1], gyro[2] - x[BIAS + 2]
     ball = _levelled(x[G], x[G + 1], turned.x + w_x, turned.y + w_y, turned.z + w_z)
-    forward = record.radius * ball.y - _expected_speed(record, x, 0, w_x, w_y, w_z)
-    left = -record.radius * ball.x - _expected_speed(record, x, 1, w_x, w_y, w_z)
+    forward = record.radius * ball.y - (x[S] - lever_speed(record.lever, 0, w_x, w_y, w_z))
+    left = -record.radius * ball.x - (x[S + 1] - lever_speed(record.lever, 1, w_x, w_y, w_z))
     deviation = record.variances[0] ** 0.5
     of_pivoting = (record.variances[PIVOTING_SEEN] + record.pivoting_variance * pivoted) ** 0.5
     pivots, before = abs(ball.z) > _PIVOTS * of_pivoting, memory.wheel

@@ -52,7 +52,7 @@ def swing_of(theta, phi, psi):
 
 
 @inlined
-def _root_of(square):
+def root_of(square):
     """Return the cosine with this square."""
     return max(square, _LEAST_SQUARE) ** 0.5
 
@@ -61,12 +61,12 @@ def _root_of(square):
 def attitude_of(g_x, g_y, heading):
     """Return the angles of a lean and a heading."""
     s, c = sine_cosine(heading)
-    g_z = _root_of((1.0 - g_x * g_x) - g_y * g_y)
+    g_z = root_of((1.0 - g_x * g_x) - g_y * g_y)
     share = 1.0 / (1.0 + g_z)
     # of R = Rz(psi_s) M: its last column is (s2, -s1 c2, c1 c2), its first row (c2 c3, -c2 s3, s2)
     s1_c2 = s * g_x + c * g_y
     s2 = s * g_y - c * g_x
-    c2 = _root_of((1.0 - s2) * (1.0 + s2))
+    c2 = root_of((1.0 - s2) * (1.0 + s2))
     m_12 = -share * g_x * g_y
     psi = heading - 2.0 * math.atan2(s1_c2 * s2, (c2 + g_z) * (1.0 + c2))
     return AttitudeAngles(
@@ -81,7 +81,7 @@ def attitude_of(g_x, g_y, heading):
 
 
 @inlined
-def _lever_speed(lever, k, w_x, w_y, w_z):
+def lever_speed(lever, k, w_x, w_y, w_z):
     """Return C w, component k [m/s]."""
     return lever[k][0] * w_x + lever[k][1] * w_y + lever[k][2] * w_z
 
@@ -91,8 +91,8 @@ def begin_filter(lever, swing, gyro, x):
     """Let a filter's state x (14) begin with an attitude, at rest: v = 0."""
     x[G], x[G + 1] = swing.g_x, swing.g_y
     x[S], x[S + 1] = (
-        _lever_speed(lever, 0, gyro[0], gyro[1], gyro[2]),
-        _lever_speed(lever, 1, gyro[0], gyro[1], gyro[2]),
+        lever_speed(lever, 0, gyro[0], gyro[1], gyro[2]),
+        lever_speed(lever, 1, gyro[0], gyro[1], gyro[2]),
     )
     x[PSI], x[SHOWN_PSI] = swing.heading, swing.heading
 
@@ -101,7 +101,7 @@ def begin_filter(lever, swing, gyro, x):
 def robot_state(lever, x, gyro, state):
     """Fill the state (10) that the robot is controlled by, from a filter's (14) and the gyro's reading (3) [rad/s]."""
     w_x, w_y, w_z = gyro[0] - x[BIAS], gyro[1] - x[BIAS + 1], gyro[2] - x[BIAS + 2]
-    v_x, v_y = x[S] - _lever_speed(lever, 0, w_x, w_y, w_z), x[S + 1] - _lever_speed(lever, 1, w_x, w_y, w_z)
+    v_x, v_y = x[S] - lever_speed(lever, 0, w_x, w_y, w_z), x[S + 1] - lever_speed(lever, 1, w_x, w_y, w_z)
     a = attitude_of(x[G], x[G + 1], x[PSI])
     s, c = sine_cosine(x[PSI])
     state[0], state[1], state[2], state[3], state[4] = x[X], x[X + 1], a.theta, a.phi, a.psi

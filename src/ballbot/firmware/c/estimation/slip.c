@@ -14,8 +14,8 @@
  */
 #include "estimation/slip.h"
 
-/* least square of g_z */
-#define LEAST_SQUARE 1e-06f
+#include "estimation/swing.h"
+
 /* over their deviations, Omega_z from which the ball pivots or a wheel slips, and the ball's speed beyond that
  * expected from which it is a slip. With 8 and 6, wheels that cross their play are taken to slip, and the heading is
  * worse by a third on the square; with 16 and 8, a part of a slip passes */
@@ -38,17 +38,10 @@
 /* Return M(g) of a vector, level in the heading frame. */
 static struct ballbot_angular_velocity levelled(float g_x, float g_y, float x, float y, float z)
 {
-    const float g_z = ballbot_square_root(ballbot_larger(1.0f - g_x * g_x - g_y * g_y, LEAST_SQUARE));
+    const float g_z = ballbot_root_of(1.0f - g_x * g_x - g_y * g_y);
     const float share = (g_x * x + g_y * y) / (1.0f + g_z) + z;
 
     return (struct ballbot_angular_velocity){ x - g_x * share, y - g_y * share, g_x * x + g_y * y + g_z * z };
-}
-
-/* Return v = s - C w, component k [m/s]. */
-static float expected_speed(const struct ballbot_kalman_record *record, const float x[STATES], int32_t k, float w_x,
-        float w_y, float w_z)
-{
-    return x[S_X + k] - (record->lever[k][0] * w_x + record->lever[k][1] * w_y + record->lever[k][2] * w_z);
 }
 
 /* Return a speed from its components [m/s]. */
@@ -71,8 +64,8 @@ struct ballbot_angular_velocity ballbot_without_slip(const struct ballbot_kalman
     const float w_z = gyro[2] - x[B_X + 2];
     const struct ballbot_angular_velocity ball = levelled(x[G_X], x[G_X + 1], turned.x + w_x, turned.y + w_y,
         turned.z + w_z);
-    const float forward = record->radius * ball.y - expected_speed(record, x, 0, w_x, w_y, w_z);
-    const float left = -record->radius * ball.x - expected_speed(record, x, 1, w_x, w_y, w_z);
+    const float forward = record->radius * ball.y - (x[S_X] - ballbot_lever_speed(record->lever, 0, w_x, w_y, w_z));
+    const float left = -record->radius * ball.x - (x[S_X + 1] - ballbot_lever_speed(record->lever, 1, w_x, w_y, w_z));
     const float deviation = ballbot_square_root(record->variances[0]);
     const float of_pivoting = ballbot_square_root(record->variances[PIVOTING_SEEN]
         + record->pivoting_variance * pivoted);

@@ -36,7 +36,7 @@ struct ballbot_swing_twist ballbot_swing_of(float theta, float phi, float psi)
 }
 
 /* Return C w, component k [m/s]. */
-static float lever_speed(const float lever[2][3], int32_t k, float w_x, float w_y, float w_z)
+float ballbot_lever_speed(const float lever[2][3], int32_t k, float w_x, float w_y, float w_z)
 {
     return lever[k][0] * w_x + lever[k][1] * w_y + lever[k][2] * w_z;
 }
@@ -47,14 +47,14 @@ void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing_twist sw
 {
     x[G_X] = swing.g_x;
     x[G_X + 1] = swing.g_y;
-    x[S_X] = lever_speed(lever, 0, gyro[0], gyro[1], gyro[2]);
-    x[S_X + 1] = lever_speed(lever, 1, gyro[0], gyro[1], gyro[2]);
+    x[S_X] = ballbot_lever_speed(lever, 0, gyro[0], gyro[1], gyro[2]);
+    x[S_X + 1] = ballbot_lever_speed(lever, 1, gyro[0], gyro[1], gyro[2]);
     x[PSI] = swing.heading;
     x[SHOWN_PSI] = swing.heading;
 }
 
 /* Return the cosine with this square. */
-static float root_of(float square)
+float ballbot_root_of(float square)
 {
     return ballbot_square_root(ballbot_larger(square, LEAST_SQUARE));
 }
@@ -66,12 +66,12 @@ struct ballbot_attitude_angles ballbot_attitude_of(float g_x, float g_y, float h
     float c;
 
     ballbot_sine_cosine(heading, &s, &c);
-    const float g_z = root_of(1.0f - g_x * g_x - g_y * g_y);
+    const float g_z = ballbot_root_of(1.0f - g_x * g_x - g_y * g_y);
     const float share = 1.0f / (1.0f + g_z);
     /* of R = Rz(psi_s) M: its last column is (s2, -s1 c2, c1 c2), its first row (c2 c3, -c2 s3, s2) */
     const float s1_c2 = s * g_x + c * g_y;
     const float s2 = s * g_y - c * g_x;
-    const float c2 = root_of((1.0f - s2) * (1.0f + s2));
+    const float c2 = ballbot_root_of((1.0f - s2) * (1.0f + s2));
     const float m_12 = -share * g_x * g_y;
     const float psi = heading - 2.0f * ballbot_arctangent(s1_c2 * s2, (c2 + g_z) * (1.0f + c2));
 
@@ -85,8 +85,8 @@ void ballbot_robot_state(const float lever[2][3], const float x[STATES], const f
     const float w_x = gyro[0] - x[B_X];
     const float w_y = gyro[1] - x[B_X + 1];
     const float w_z = gyro[2] - x[B_X + 2];
-    const float v_x = x[S_X] - lever_speed(lever, 0, w_x, w_y, w_z);
-    const float v_y = x[S_X + 1] - lever_speed(lever, 1, w_x, w_y, w_z);
+    const float v_x = x[S_X] - ballbot_lever_speed(lever, 0, w_x, w_y, w_z);
+    const float v_y = x[S_X + 1] - ballbot_lever_speed(lever, 1, w_x, w_y, w_z);
     const struct ballbot_attitude_angles a = ballbot_attitude_of(x[G_X], x[G_X + 1], x[PSI]);
     float s;
     float c;

@@ -29,9 +29,15 @@ struct ballbot_attitude_angles {
 /* Return lean and heading of the angles of R = Rx(theta) Ry(phi) Rz(psi). */
 struct ballbot_swing_twist ballbot_swing_of(float theta, float phi, float psi);
 
+/* Return C w, component k [m/s]. */
+float ballbot_lever_speed(const float lever[2][3], int32_t k, float w_x, float w_y, float w_z);
+
 /* Let a filter's state x (14) begin with an attitude, at rest: v = 0. */
 void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing_twist swing, const float gyro[3],
         float x[STATES]);
+
+/* Return the cosine with this square. */
+float ballbot_root_of(float square);
 
 /* Return the angles of a lean and a heading. */
 struct ballbot_attitude_angles ballbot_attitude_of(float g_x, float g_y, float heading);
