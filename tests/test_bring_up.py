@@ -37,6 +37,8 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     compared = read_results("compared/results.json")
     assert [one["recommendation"] for one in (compared, *compared["verdicts"])] == 3 * ["keep"]
     # without compensation the robot wanders by tenths of a metre, with the precise gain by millimetres
-    gain = compared["gains"]["peak_error"]
-    assert gain["low"] < gain["factor"] < gain["high"] < 0.2
+    # of both, and of three runs each the mean error is known well, the peak to a factor of ten
+    gain = compared["gains"]["rms_error"]
+    assert gain["low"] < gain["factor"] < gain["high"] < 0.05
+    assert compared["gains"]["peak_error"]["verdict"] == "smaller"
     assert "After over before, the drift removed" in capsys.readouterr().out
