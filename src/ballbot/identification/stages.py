@@ -36,12 +36,10 @@ class StageEstimate:
     values: Floats  #: (k,), SI units
     covariance: Floats  #: (k, k); NaN, infinite or zero for a number without standard error
 
-    def among(self, labels: list[str]) -> StageEstimate:
-        """Return the estimates of these labels, in their order."""
+    def among(self, labels: list[str]) -> tuple[Floats, Floats]:
+        """Return the estimates of these labels, in their order, and their covariance."""
         rows = [self.labels.index(label) for label in labels]
-        return StageEstimate(
-            self.source, tuple(labels), self.values[rows], self.covariance[np.ix_(rows, rows)]
-        )
+        return self.values[rows], self.covariance[np.ix_(rows, rows)]
 
     @property
     def errors(self) -> Floats:
@@ -58,16 +56,16 @@ class StageEstimate:
 def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
     """Return a warning if two stages differ by more than their errors in the quantities that both estimate."""
     both = [label for label in first.known if label in second.known]
-    x, y = first.among(both), second.among(both)
-    covariance = x.covariance + y.covariance
+    (x, P_x), (y, P_y) = first.among(both), second.among(both)
+    covariance = P_x + P_y
     errors = np.sqrt(covariance.diagonal())
-    deviations = (y.values - x.values) / errors
+    deviations = (y - x) / errors
     inverse = np.linalg.pinv(covariance / np.outer(errors, errors), hermitian=True)
     chi_squared = float(deviations @ inverse @ deviations)
     if not both or chdtrc(len(both), chi_squared) > LEAST_P_VALUE:
         return []
     named = ", ".join(
-        f"{both[i]} {x.values[i]:.3g} and {y.values[i]:.3g} ({abs(deviations[i]):.1f} standard errors)"
+        f"{both[i]} {x[i]:.3g} and {y[i]:.3g} ({abs(deviations[i]):.1f} standard errors)"
         for i in np.argsort(-np.abs(deviations))[:3]
     )
     text = (
