@@ -46,8 +46,7 @@ from ballbot.identification.result import Identification, LawCandidate, LawSelec
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
 from ballbot.identification.rollers import on_points
 from ballbot.identification.rolling import FoundRolling
-from ballbot.identification.stages import StageEstimate, file_findings
-from ballbot.identification.stated_uncertainty import found_robot
+from ballbot.identification.stated_uncertainty import StageEstimate, file_findings, found_robot
 from ballbot.identification.variation import (
     Variation,
     alike_finding,

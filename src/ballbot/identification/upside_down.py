@@ -35,7 +35,7 @@ from ballbot.identification.driveline import BALL_NAMES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.quantities import Bounds, scale_between
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
-from ballbot.identification.stages import StageEstimate, file_findings
+from ballbot.identification.stated_uncertainty import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
