@@ -1,8 +1,7 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
 The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
-plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts.
-Gauss-Newton finds the minimum, and held-out windows validate the result.
+plant is unstable), solved by `ballbot.fitting.fit`; held-out windows validate the result.
 """
 
 import math

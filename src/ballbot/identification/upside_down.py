@@ -13,8 +13,7 @@ its friction is not a function of speed; the directions in which it acts are the
 speed or torque, where the logged torque does not act. delta is 1 unless held-out windows support another; the errors
 then include those of other deltas.
 
-Standard errors are clustered by window. Held-out windows validate the friction: the ball is simulated with and without
-it, from the mean of the samples around a window's first row.
+Held-out windows validate the friction: the ball is simulated with and without it.
 """
 
 from collections.abc import Mapping, Sequence
