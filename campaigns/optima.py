@@ -73,8 +73,8 @@ def fitted(task: Task, start: int | None) -> End:
     point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
         part = prepared.experiment.part(prepared.drawn)
-        result = search(part, fixed_starts(part.coordinates), most_steps=steps, run=_RUN)
-        points = [result.best] if result.other is None else [result.best, result.other]
+        best, other = search(part, fixed_starts(part.coordinates), most_steps=steps, run=_RUN)
+        points = [best] if other is None else [best, other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]

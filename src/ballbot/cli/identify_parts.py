@@ -17,7 +17,7 @@ from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
-from ballbot.identification.stages import file_findings
+from ballbot.identification.stated_uncertainty import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings

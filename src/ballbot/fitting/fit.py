@@ -189,14 +189,6 @@ _SEARCH_STEPS = 9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SearchResult:
-    """Result of a search."""
-
-    best: Floats  #: (p,), scaled to 0 .. 1
-    other: Floats | None = None  #: (p,), the best end in another basin
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
     """Options of a fit; InputError if a count is too small."""
 
@@ -212,13 +204,15 @@ class FitOptions:
 DEFAULT_OPTIONS = FitOptions()
 
 
-def search(experiment: Experiment[IterateT], starts: Floats, *, most_steps: int, run: Run) -> SearchResult:
+def search(
+    experiment: Experiment[IterateT], starts: Floats, *, most_steps: int, run: Run
+) -> tuple[Floats, Floats | None]:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result.
 
-    From several it descends side by side, and returns the best end; the stage is "search".
+    From several it descends side by side, and returns the best end and that in another basin; the stage is "search".
     """
     if starts.ndim == 1:
-        return SearchResult(best=starts)
+        return starts, None
     steps = min(_SEARCH_STEPS, most_steps)
     total, done, least = len(starts) * steps, 0, np.inf
     reporting = Lock()
@@ -236,7 +230,7 @@ def search(experiment: Experiment[IterateT], starts: Floats, *, most_steps: int,
     threads = Threads(count=run.executor.count)  # processes work on the pieces of each descent
     best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
-    return SearchResult(best=best.point, other=next(others, None))
+    return best.point, next(others, None)
 
 
 # --- the fit ---
@@ -391,8 +385,8 @@ def fit(
     """
     part = experiment if search_blocks is None else experiment.part(search_blocks)
     most_steps = options.most_steps
-    searched = search(part, starts, most_steps=most_steps, run=run)
-    start, also = searched.best, searched.other if also is None else also
+    start, other_basin = search(part, starts, most_steps=most_steps, run=run)
+    also = other_basin if also is None else also
     if earlier is not None:
         points = np.stack([start, earlier])
         start = points[experiment.costs(points).argmin()]

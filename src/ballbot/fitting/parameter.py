@@ -34,11 +34,6 @@ class FitParameter:
     default: float  #: nominal value, before estimation
     meaning: str = ""  #: in a few words
 
-    @property
-    def free(self) -> bool:
-        """Whether the bounds differ."""
-        return self.bounds[1] > self.bounds[0]
-
     @staticmethod
     def about(
         name: str, default: float, unit: str, *, within: float = 0.0, factor: float = 1.0

@@ -20,8 +20,7 @@ from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, 
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import LEAST_ROWS
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
-from ballbot.identification.stages import StageEstimate
-from ballbot.identification.stated_uncertainty import with_uncertainty
+from ballbot.identification.stated_uncertainty import StageEstimate, with_uncertainty
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Friction, Robot

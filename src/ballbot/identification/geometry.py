@@ -17,10 +17,7 @@ on the cameras' frame; an error of e in `up`, the mean upright axis, changes the
 
 Pivoting of the ball and the heading of the body add the same angle to every wheel and are removed from the windows.
 Play and rollers are half as large as the lean, so the `share` of the turning that encoders show is estimated. Both
-kinds of logs together give each radius.
-
-Standard errors do not include the few tenths of a percent by which rollers slip and the ball deforms; `SLIP` and
-`SLIP_ANGLE` bound these.
+kinds of logs together give each radius. Standard errors do not include slip, which `SLIP` and `SLIP_ANGLE` bound.
 """
 
 import math

@@ -1,8 +1,7 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
 The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
-plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts.
-Gauss-Newton finds the minimum, and held-out windows validate the result.
+plant is unstable), solved by `ballbot.fitting.fit`; held-out windows validate the result.
 """
 
 import math
@@ -46,8 +45,7 @@ from ballbot.identification.result import Identification, LawCandidate, LawSelec
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
 from ballbot.identification.rollers import on_points
 from ballbot.identification.rolling import FoundRolling
-from ballbot.identification.stages import StageEstimate, file_findings
-from ballbot.identification.stated_uncertainty import found_robot
+from ballbot.identification.stated_uncertainty import StageEstimate, file_findings, found_robot
 from ballbot.identification.variation import (
     Variation,
     alike_finding,

@@ -5,8 +5,7 @@ gives the complex gain of that velocity. Its size is the true radius over the fi
 wheels about the vertical against the IMU, by which odometry in the world is turned the other way. Slip that is in
 proportion to the motion counts as radius.
 
-The logs refute a number that is more than `REFUTED` of their own errors away. The robot found then has the mean of
-theirs and the file's, weighed by their variances.
+If the logs refute the file, the robot found has the mean of both numbers, weighed by their variances.
 """
 
 import math

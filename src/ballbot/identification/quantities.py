@@ -88,7 +88,6 @@ class Quantity:
     symbol: str  #: in results
     unit: str
     bounds: Limits  #: of each number, as shares of `share_of(robot)` if that is given
-    meaning: str
     each: str = ""  #: one a number, "wheels", or letters, as "xyz"
     scale: Scale = "signed"
     _: KW_ONLY
@@ -103,18 +102,6 @@ class Quantity:
         if self.each == "wheels":
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
-
-    def parameter(self, label: str, bounds: Limits, default: float) -> FitParameter:
-        """Return its number with that label as a parameter of a fit."""
-        return FitParameter(
-            name=self.name,
-            symbol=label,
-            unit=self.unit,
-            scale=self.scale,
-            bounds=bounds,
-            default=default,
-            meaning=self.meaning,
-        )
 
     @property
     def neutral(self) -> float:
@@ -158,7 +145,6 @@ def _of_robot(
         stated.symbol,
         stated.unit.removeprefix(DIMENSIONLESS),
         bounds or stated.usual,
-        stated.meaning.partition(", ")[2],
         "wheels" if stated.shape == "list" else "",
         "ratio" if not stated.least_is_allowed else "amount" if stated.least == 0.0 else "signed",
         own=own,
@@ -183,7 +169,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "T_p",
         "N m",
         ROBOT_PARAMETERS["friction.pivoting"].usual,
-        "largest friction against the ball's pivoting on the floor",
         "",
         "amount",
         own=lambda robot: (robot.pivoting_torque or 0.0,),
@@ -196,7 +181,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "S",
         "kg m^2",
         (0.25, 4.0),
-        "integral of x^2 dm, y^2 dm and z^2 dm over the body about its centre of mass",
         "xyz",
         "ratio",
         own=second_moments,
@@ -216,43 +200,24 @@ QUANTITIES: tuple[Quantity, ...] = (
         "j_r",
         "kg m^2",
         (0.0, 5.0),
-        "of a motor's rotor and gear, as felt at the wheel",
         "",
         "amount",
         own=lambda robot: (robot.drive.reflected_inertia,),
         share_of=lambda robot: (robot.drive.reflected_inertia,),
         lines=("drive.motor_inertia", "drive.gear_inertia"),
     ),
-    Quantity(
-        "torque_gain", "gain", "", (0.5, 2.0), "a motor's torque for each N m logged", "wheels", "ratio"
-    ),
-    Quantity("torque_offset", "offset", "N m", (-0.2, 0.2), "a motor's torque when none is logged", "wheels"),
-    Quantity(
-        "delay", "delay", "s", (0.0, 0.03), "from a torque's row in the log to its effect in the states"
-    ),
-    Quantity(
-        "imu_delay",
-        "late_imu",
-        "s",
-        (-0.01, 0.03),
-        "by which the body's angles and rates are older than x and y",
-    ),
-    # of velocities from differenced encoder counts
-    Quantity(
-        "velocity_delay", "late_v", "s", (-0.01, 0.03), "by which x_dot and y_dot are older than x and y"
-    ),
-    Quantity(
-        "lean_bias",
-        "lean",
-        "rad",
-        (-0.1, 0.1),
-        "tilt of the IMU against the line from ball to centre of mass",
-        "xy",
-    ),
-    # the one about z turns the heading
-    Quantity(
-        "gyro_bias", "gyro", "rad/s", (-0.1, 0.1), "what the gyro reads at rest, about the body's axes", "xyz"
-    ),
+    # a motor's torque for each N m logged, and when none is logged
+    Quantity("torque_gain", "gain", "", (0.5, 2.0), "wheels", "ratio"),
+    Quantity("torque_offset", "offset", "N m", (-0.2, 0.2), "wheels"),
+    # from a torque's row in the log to its effect in the states
+    Quantity("delay", "delay", "s", (0.0, 0.03)),
+    # by which the body's angles and rates, and velocities from differenced encoder counts, are older than x and y
+    Quantity("imu_delay", "late_imu", "s", (-0.01, 0.03)),
+    Quantity("velocity_delay", "late_v", "s", (-0.01, 0.03)),
+    # tilt of the IMU against the line from ball to centre of mass
+    Quantity("lean_bias", "lean", "rad", (-0.1, 0.1), "xy"),
+    # what the gyro reads at rest, about the body's axes; the one about z turns the heading
+    Quantity("gyro_bias", "gyro", "rad/s", (-0.1, 0.1), "xyz"),
 )
 #: prefix of the dotted names of a friction law's own parameters
 OWN = "friction.own."
@@ -370,7 +335,10 @@ class Layout:
             stribeck_speed=v_s,
             stribeck_exponent=delta,
             rolling=C_rr,
-            pivoting=robot.friction.pivoting if pivoting is None else _arm(float(pivoting[0]), robot),
+            # an arm [m]: a micrometre for none, for zero means unknown
+            pivoting=robot.friction.pivoting
+            if pivoting is None
+            else max(float(pivoting[0]) / robot.weight, 1e-6),
             coulomb_asymmetry=() if offset is None else _within(-offset, c),
             stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
             load=() if load is None else tuple(load.tolist()),
@@ -397,11 +365,6 @@ class Layout:
             numbers = values[columns].tolist()
             table[BY_NAME[name].symbol] = numbers if BY_NAME[name].each else numbers[0]
         return table
-
-
-def _arm(torque: float, robot: Robot) -> float:
-    """Return the arm [m] of a pivoting friction [N m]: a micrometre for none, for zero means unknown."""
-    return max(torque / robot.weight, 1e-6)
 
 
 def _shaped_like(value: Value, numbers: Floats) -> Value:
@@ -492,7 +455,14 @@ def scale_between(
         else:
             limits = quantity.limits(robot) if name in estimated else np.stack([nominal, nominal], axis=1)
         parameters += [
-            quantity.parameter(label, (low, high), value)
+            FitParameter(
+                name=name,
+                symbol=label,
+                unit=quantity.unit,
+                scale=quantity.scale,
+                bounds=(low, high),
+                default=value,
+            )
             for label, (low, high), value in zip(labels, limits.tolist(), nominal.tolist(), strict=True)
         ]
     return Coordinates(layout=layout, parameters=tuple(parameters))

@@ -112,11 +112,8 @@ def on_points(logs: Sequence[Log], robot: Robot) -> tuple[list[Log], float]:
     Zero, and the logs as they are, if they lack a wheel's angle or speed or another column, the wheels hardly turn, or
     in a log the rollers do not explain lost torques by `_CLEARLY` standard errors, or as soft or as hard as was tried.
     """
-    contacts, wheels, same = (
-        RollerContacts(rollers=robot.wheels.rollers),
-        robot.wheel_count,
-        (list(logs), 0.0),
-    )
+    contacts, same = RollerContacts(rollers=robot.wheels.rollers), (list(logs), 0.0)
+    wheels = robot.wheel_count
     names, angles = torque_names(wheels), wheel_angle_names(wheels)
     needed = {*STATE_NAMES, *names, *angles, *wheel_speed_names(wheels)}
     if contacts.rollers.rows > 2 or not all(needed <= set(log.names) for log in logs):

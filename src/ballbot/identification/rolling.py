@@ -58,9 +58,8 @@ class RollingMotion:
     lean_rate: Complex  #: (k, 2) of phi' w
     upward: Complex  #: (k, 2) of phi g
     against: Complex  #: (k, 2) of phi v/|v|
-    error: (
-        Complex  #: (4, k, 2) of phi, a unit error of the lean: along both axes of the body, and of the world
-    )
+    #: (4, k, 2) of phi, a unit error of the lean: along both axes of the body, and of the world
+    error: Complex
 
     @staticmethod
     def of(logs: Sequence[Log], robot: Robot) -> "RollingMotion | None":

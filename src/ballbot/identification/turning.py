@@ -56,7 +56,7 @@ class Turning:
     @staticmethod
     def of_rates(t: Floats, rate: Floats) -> Turning:
         """Return the totals of rates (N, 3) [rad/s]; NaN are missing."""
-        known = _complete_rows(rate)
+        known = np.asarray(np.isfinite(rate).all(axis=1))
         rate = np.where(known[:, None], rate, 0.0)
         return Turning.of(
             t, 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None], known[1:] & known[:-1] & ~_gaps(t)
@@ -114,14 +114,10 @@ def _steps(rotations: Rotation) -> Floats:
     return (rotations[:-1].inv() * rotations[1:]).as_rotvec()
 
 
-def _complete_rows(values: Floats) -> Bools:
-    return np.asarray(np.isfinite(values).all(axis=1))
-
-
 def _columns(log: Log, names: Sequence[str]) -> tuple[Floats, Bools]:
     """Return columns (N, k) and which rows (N,) are complete; InputError if hardly any is."""
     values = np.column_stack([log[name] for name in names])
-    known = _complete_rows(values)
+    known = np.asarray(np.isfinite(values).all(axis=1))
     if known.sum() < 10:
         raise InputError(
             f"The log's {', '.join(names)} have values in only {known.sum()} of {len(known)} rows."

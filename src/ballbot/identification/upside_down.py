@@ -13,8 +13,7 @@ its friction is not a function of speed; the directions in which it acts are the
 speed or torque, where the logged torque does not act. delta is 1 unless held-out windows support another; the errors
 then include those of other deltas.
 
-Standard errors are clustered by window. Held-out windows validate the friction: the ball is simulated with and without
-it, from the mean of the samples around a window's first row.
+Held-out windows validate the friction: the ball is simulated with and without it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +34,7 @@ from ballbot.identification.driveline import BALL_NAMES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.quantities import Bounds, scale_between
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
-from ballbot.identification.stages import StageEstimate, file_findings
+from ballbot.identification.stated_uncertainty import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows

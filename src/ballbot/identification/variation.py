@@ -1,13 +1,10 @@
 """What the errors within logs do not contain: variation between logs of one robot, and between its wheels.
 
-Between logs. Another log of the same robot gives other estimates, because another path, other roller contacts and
-another sensor drift act on what the model lacks. This module supplies the statistics of
-`ballbot.fitting.between_logs` with the sizes and the prior of that variation, fitted to simulated robots with all
-faults of the twin and two logs each (`between_logs.toml`, written by `python -m campaigns.between_logs prior`). With
-one log, only the prior is known, and a finding says so; with every further log the prior counts less. The sizes are
-relative. For c and s they are fractions of the mean c + s of the wheels; for b, of their mean friction at `SPEED`
-divided by that speed, because errors of b and c compensate each other; for C_rr, of C_rr; v_s and delta vary by a
-factor. Other quantities are taken not to vary.
+Between logs. This module supplies the statistics of `ballbot.fitting.between_logs` with the sizes and the prior of that
+variation, fitted to simulated robots with all faults of the twin and two logs each (`between_logs.toml`, written by
+`python -m campaigns.between_logs prior`). The sizes are relative. For c and s they are fractions of the mean c + s of
+the wheels; for b, of their mean friction at `SPEED` divided by that speed, because errors of b and c compensate each
+other; for C_rr, of C_rr; v_s and delta vary by a factor. Other quantities are taken not to vary.
 
 Between wheels. Short or uniform logs show the friction of all wheels together, and a fit distributes it by chance. With
 the clustered covariance of all free parameters, including those at a bound,

@@ -1,10 +1,9 @@
 """Records of one axis, and their reading from files.
 
-The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
-[kg m^2], forces are torques [N m] and positions angles [rad]. Rows are even; uneven ones are interpolated. Gaps
-divide the record into parts, and no prediction runs across one. Rows with a missing value are left out, which leaves a
-gap. A file is read as a log is, by a mapping that the user gives or that the names of its columns make; a position that
-wraps is unwrapped, and a velocity without a position is integrated.
+For an axis that turns, the mass is an inertia [kg m^2], forces are torques [N m] and positions angles [rad]. Rows are
+even; uneven ones are interpolated. Gaps divide the record into parts, and no prediction runs across one. Rows with a
+missing value are left out, which leaves a gap. A file is read as a log is, by a mapping that the user gives or that the
+names of its columns make; a position that wraps is unwrapped, and a velocity without a position is integrated.
 """
 
 from collections.abc import Mapping

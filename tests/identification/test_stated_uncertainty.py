@@ -8,13 +8,13 @@ from ballbot import Robot
 from ballbot.control.overcompensation import certain_friction, stated_covariance
 from ballbot.identification.quantities import FRICTION as QUANTITIES
 from ballbot.identification.quantities import Layout
-from ballbot.identification.stages import (
+from ballbot.identification.stated_uncertainty import (
     LEAST_P_VALUE,
     StageEstimate,
     agreement_findings,
     of_robot_file,
+    with_uncertainty,
 )
-from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.variations import draw_robots
 
 LABELS = ("b1", "b2", "c1", "c2")
