@@ -8,6 +8,7 @@ import pytest
 
 from ballbot.control.controller import Controller, catching_torque_limit, grip_torque_limit
 from ballbot.control.linear import refuse_without_margin
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import KINDS, design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.control.source import NAMED_CONTROLLERS, named_controller
@@ -122,3 +123,14 @@ def test_a_motion_that_changes_into_braking_asks_no_more_than_the_motors_have(na
     largest = np.linalg.norm(torques, axis=2).max()
     left = grip_torque_limit(robot) - 1.25 * max(robot.friction.breakaway)
     assert 0.98 * left < largest < 1.005 * left  # settings have three digits
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_nominal_gain_is_little_faster_than_the_robot_falls(name):
+    robot = as_robot(name)
+    falling = np.linalg.eigvals(frictionless_model(robot).linearize().A).real.max()
+    by_rule, fixed = design_gain(robot), design_gain(robot, torque_weight=30.0)
+    assert np.abs(by_rule.poles).max() <= 1.5 * falling
+    # the frozen gain where it is slow enough, as on all presets but the light robot with strong motors
+    assert (np.abs(fixed.poles).max() > 1.5 * falling) == (name == "rob311")
+    assert np.array_equal(by_rule.gain, fixed.gain) == (name != "rob311")
