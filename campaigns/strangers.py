@@ -78,7 +78,10 @@ from campaigns.section import Section, finished, markdown_table, share_words
 from tests.support.failing_motor import FailingMotor, Fault
 
 #: seeds of judged robots, each with the change that caused its run; the last one is to be run, the others have been
-RUNS: Mapping[int, str] = {826_914_075: "none: the first run"}
+RUNS: Mapping[int, str] = {
+    826_914_075: "none: the first run",
+    482_173_363: "gain of light robots, usual friction by load, radius and turn of the wheels always weighed",
+}
 #: of robots that may be tuned on
 TUNING = 71
 ROBOTS = 60
