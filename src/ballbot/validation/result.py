@@ -33,10 +33,11 @@ class Adequacy:
         """The verdict on both."""
         horizon = f"adequate up to {self.up_to:.2g} s" if self.up_to else "rejected at every horizon"
         if not self.numbers:
-            return f"The model is {horizon}; whole logs were not compared."
+            return f"Predicted from measured states, the model is {horizon}; whole logs were not compared."
+        whole = "rejected" if self.inside < self.least else "adequate"
         return (
-            f"The model is {'rejected' if self.inside < self.least else 'adequate'} over {self.over:.3g} s: inside in "
-            f"{self.inside} of {self.numbers}, {self.least} or more in 95 % of its own runs; {horizon}."
+            f"The model is {whole} over {self.over:.3g} s in closed loop: inside in {self.inside} of {self.numbers}, "
+            f"{self.least} or more in 95 % of its own runs. Predicted from measured states, it is {horizon}."
         )
 
 
