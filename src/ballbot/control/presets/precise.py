@@ -61,7 +61,7 @@ MOTION_LEAST = 0.05
 #: the largest speed for the safety of people nearby [m/s]; the controller file may have another
 PEOPLE_SPEED = 2.0
 #: the largest speed of a motion over the largest at which motors have the torque for friction and for this lean [rad]
-MOTION_SPEED, SPEED_LEAN = 0.9, math.radians(1.0)
+MOTION_MOTOR_SPEED, SPEED_LEAN = 0.9, math.radians(1.0)
 
 #: the largest lost torque that is added, over the torque limit: on the presets' robots about three times the friction
 #: of the nominal scenario
@@ -163,7 +163,7 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     drag = max(robot.friction.viscous) * wheel_turns(robot) / (largest * acceleration)
     return ReferenceShaping(
         frequency=_rounded(MOTION_RATE * falling),
-        speed_limit=_rounded(MOTION_SPEED * largest_speed(robot)),
+        speed_limit=_rounded(MOTION_MOTOR_SPEED * largest_speed(robot)),
         speed_cap=PEOPLE_SPEED,
         acceleration_limit=_rounded(acceleration),
         drag=_rounded(drag),
