@@ -76,10 +76,10 @@ def grip_torque_limit(robot: Robot) -> float:
     """
     friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
     traction = GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius
-    if robot.wheels.grip > 0.0:
-        deviation = robot.standard_deviations.get("wheels.grip", 0.0)
-        assert isinstance(deviation, float)
-        certain = max(robot.wheels.grip - _GRIP_DEVIATIONS * deviation, 0.0)
+    deviation = robot.standard_deviations.get("wheels.grip", 0.0)
+    assert isinstance(deviation, float)
+    certain = robot.wheels.grip - _GRIP_DEVIATIONS * deviation
+    if certain > 0.0:  # else it counts as unknown
         known = traction_torque(frictionless_model(robot), certain)
         traction = known if deviation > 0.0 else min(known, traction)
     return min(robot.drive.torque_limit, traction + friction)

@@ -9,10 +9,10 @@ For x and y together and for psi alike, a point p with velocity v follows a targ
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
 can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
 that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
-disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does viscous
-friction of what speeds up. While errors command
-more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
-within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
+disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does the viscous
+friction of a motion that speeds up (drag). While errors command more than the lean limit, as after a push, the robot
+needs its torque to catch itself: a is least then, and comes back within a second. (Without this, a jump of the
+reference soon after a push let robots fall that stand both with it.)
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -151,17 +151,8 @@ def shape(law, memory, pose, ahead, wanted):
     h = 1.0 / own.rate
     acceleration = _left(law, memory, ahead.a) * own.acceleration
     offset = law.feed_forward.offset[0, 0]  # along y hardly another
-    place = _Limits(
-        own.frequency,
-        own.decay,
-        own.gone,
-        own.frequency * h,
-        own.speed,
-        acceleration,
-        own.drag,
-        own.prompt,
-        offset,
-    )
+    w, g, drag = own.frequency, own.frequency * h, own.drag
+    place = _Limits(w, own.decay, own.gone, g, own.speed, acceleration, drag, own.prompt, offset)
     heading = _Limits(
         own.yaw_frequency,
         own.yaw_decay,
@@ -386,24 +377,10 @@ class ReferenceShaping(Part):
     frequency: float = parameter(
         "w of each of the four lags of x and y", "rad/s", default=12.0, least=_LEAST, most=_MOST
     )
-    speed_limit: float = parameter(
-        "over the floor, by what the motors can", "m/s", default=2.0, least=_LEAST, most=_MOST
-    )
-    speed_cap: float = parameter(
-        "for the safety of people nearby, whatever the motors can",
-        "m/s",
-        default=_MOST,
-        least=_LEAST,
-        most=_MOST,
-    )
+    speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=_LEAST, most=_MOST)
+    speed_cap: float = parameter("for people's safety", "m/s", default=_MOST, least=_LEAST, most=_MOST)
     acceleration_limit: float = parameter("over the floor", "m/s^2", default=1.2, least=_LEAST, most=_MOST)
-    drag: float = parameter(
-        "part of it that each m/s takes, by which a motion speeds up less",
-        "s/m",
-        default=0.0,
-        least=0.0,
-        most=_MOST,
-    )
+    drag: float = parameter("part of it that each m/s takes", "s/m", default=0.0, least=0.0, most=_MOST)
     approach_rate: float = parameter(
         "at which x, y and psi come to a pose that is near", "1/s", default=4.0, least=_LEAST, most=_MOST
     )
