@@ -12,10 +12,10 @@
  * so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
  * can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
  * that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
- * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does viscous
- * friction of what speeds up. While errors command
- * more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
- * within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
+ * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does the viscous
+ * friction of a motion that speeds up (drag). While errors command more than the lean limit, as after a push, the robot
+ * needs its torque to catch itself: a is least then, and comes back within a second. (Without this, a jump of the
+ * reference soon after a push let robots fall that stand both with it.)
  *
  * A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
  * ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -292,8 +292,10 @@ struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, stru
     const float h = 1.0f / own->rate;
     const float acceleration = left(law, memory, ahead->a) * own->acceleration;
     const float offset = law->feed_forward.offset[0][0]; /* along y hardly another */
-    const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
-        acceleration, own->drag, own->prompt, offset };
+    const float w = own->frequency;
+    const float g = own->frequency * h;
+    const float drag = own->drag;
+    const struct limits place = { w, own->decay, own->gone, g, own->speed, acceleration, drag, own->prompt, offset };
     const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
         own->yaw_rate, own->yaw_acceleration, 0.0f, own->yaw_prompt, 0.0f };
 
