@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, catching_torque_limit, grip_torque_limit
 from ballbot.control.linear import refuse_without_margin
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import KINDS, design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.control.source import NAMED_CONTROLLERS, named_controller
@@ -201,3 +202,14 @@ def test_with_the_cap_raised_a_robot_drives_at_what_its_motors_have(name: str):
     assert batch.survived.all()
     seconds = (batch.states[:, -100:, 5:7] @ along[:2]).reshape(4, 10, 10).mean(axis=2)
     assert (seconds.max(axis=1) > 0.99 * wanted).all()
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_nominal_gain_is_little_faster_than_the_robot_falls(name):
+    robot = as_robot(name)
+    falling = np.linalg.eigvals(frictionless_model(robot).linearize().A).real.max()
+    by_rule, fixed = design_gain(robot), design_gain(robot, torque_weight=30.0)
+    assert np.abs(by_rule.poles).max() <= 1.5 * falling
+    # the frozen gain where it is slow enough, as on all presets but the light robot with strong motors
+    assert (np.abs(fixed.poles).max() > 1.5 * falling) == (name == "rob311")
+    assert np.array_equal(by_rule.gain, fixed.gain) == (name != "rob311")

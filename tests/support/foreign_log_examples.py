@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from ballbot import Log, Model, simulate
-from ballbot.control.presets import nominal_controller
+from ballbot.control.controller import Controller
+from ballbot.control.presets import design_gain
 from ballbot.robot import Friction, Robot
 from tests.support.control_examples import Altered
 from tests.support.foreign_logs import POLLED, Habits, columns_of, write
@@ -41,7 +42,8 @@ def swaying_log() -> Log:
     # noise on the torques [N m], without which no log separates a command's delay from the lean's; its mean is a push
     # along the way or of the heading
     robot, random = small_robot(), np.random.default_rng(7)
-    dithered = Altered(nominal_controller(robot), torques=lambda u: u + 0.15 * random.standard_normal(3))
+    gain = design_gain(robot, torque_weight=30.0).gain
+    dithered = Altered(Controller(robot, gain), torques=lambda u: u + 0.15 * random.standard_normal(3))
     return simulate(Model(robot), dithered, reference, duration=30.0)
 
 

@@ -12,7 +12,7 @@ from ballbot.cli.context import open_result, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
 from ballbot.control.file import controller_text
-from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
+from ballbot.control.presets import KINDS
 from ballbot.report.design import controller_design_report
 from ballbot.workflows.controller_design import DEFAULT_PARTS, GainOptions, PartOptions, design_controller
 
@@ -31,7 +31,7 @@ def design(
     *,
     kind: Annotated[Kind, Parameter(help=_KINDS)] = "nominal",
     q: str | None = None,
-    r: float = NOMINAL_TORQUE_WEIGHT,
+    r: float | None = None,
     sample_time: float | None = None,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     accept: options.Accept = None,
@@ -58,7 +58,7 @@ def design(
         Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
         kind.
     r
-        Weight of each wheel's torque.
+        Weight of each wheel's torque. If not given, that of the kind.
     sample_time
         Time between two updates [s]; the robot's own if not given.
     """

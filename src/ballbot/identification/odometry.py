@@ -5,7 +5,9 @@ gives the complex gain of that velocity. Its size is the true radius over the fi
 wheels about the vertical against the IMU, by which odometry in the world is turned the other way. Slip that is in
 proportion to the motion counts as radius.
 
-If the logs refute the file, the robot found has the mean of both numbers, weighed by their variances.
+The robot found has the mean of the logs' number and the file's, weighed by their variances. On 35 simulated robots
+whose file is off by 1.2 % and 1.0 degrees (root mean square) it is off by 0.8 % and 0.26 degrees; with the file's
+number unless the logs refute it, it was by 0.9 % and 0.40 degrees.
 """
 
 import math
@@ -30,7 +32,7 @@ from ballbot.rounding import digits
 _RADIUS, _AZIMUTHS = "wheels.radius", "wheels.azimuths"
 #: deviation of the turn of an IMU that is screwed on by hand, by its case's edges [rad]
 MOUNTED = math.radians(1.0)
-#: errors of the logs' own estimate beyond which they refute a number: of 95 % of right ones they do not
+#: errors of the logs' own estimate beyond which a finding names it: of 95 % of right numbers none does
 REFUTED = 2.0
 #: bumps of `rolling` that are needed: in logs of 24 s chance refuted 14 % of right turns, in those of 32 s 2 %
 _LEAST = 30
@@ -48,9 +50,13 @@ class Deviating:
 
     @reported
     def correction(self) -> float:
-        """By how much the robot found differs: not at all unless the logs refute the file."""
-        weight = self.deviation**2 / (self.deviation**2 + self.own_error**2)
-        return weight * self.own if abs(self.own) > REFUTED * self.own_error else 0.0
+        """By how much the robot found differs."""
+        return self.own * self.deviation**2 / (self.deviation**2 + self.own_error**2)
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the logs refute the file."""
+        return abs(self.own) > REFUTED * self.own_error
 
     @property
     def error(self) -> float:
@@ -90,22 +96,20 @@ class WheelFrame:
 
     def corrected(self, robot: Robot) -> Robot:
         """Return a robot with the corrections."""
-        values, sources, deviations = dict[str, Value](), dict(robot.sources), dict(robot.standard_deviations)
-        if self.radius.correction:
-            radius = robot.wheels.radius * math.exp(self.radius.correction)
-            values[_RADIUS], deviations[_RADIUS] = radius, radius * self.radius.error
-        if self.turn.correction:
-            turned = np.add(robot.wheels.azimuths, self.turn.correction)
-            values[_AZIMUTHS] = tuple((turned - 2.0 * np.pi * (turned > 2.0 * np.pi)).tolist())
-        sources |= dict.fromkeys(
-            values, "identified: from the ball's acceleration, weighed with the file before"
+        radius = robot.wheels.radius * math.exp(self.radius.correction)
+        turned = np.add(robot.wheels.azimuths, self.turn.correction)
+        azimuths = tuple((turned - 2.0 * np.pi * (turned > 2.0 * np.pi)).tolist())
+        values: dict[str, Value] = {_RADIUS: radius, _AZIMUTHS: azimuths}
+        found = "identified: from the ball's acceleration, weighed with the file before"
+        return robot.replace(values).annotated(
+            sources={**robot.sources, **dict.fromkeys(values, found)},
+            standard_deviations={**robot.standard_deviations, _RADIUS: radius * self.radius.error},
         )
-        return robot.replace(values).annotated(sources=sources, standard_deviations=deviations)
 
     def findings(self, robot: Robot) -> list[Finding]:
-        """Return a warning for each correction; `robot` has them."""
+        """Return a warning for each number that the logs refute; `robot` has the corrections."""
         findings = list[Finding]()
-        if self.turn.correction:
+        if self.turn.refuted:
             own, error, by = (
                 math.degrees(abs(x)) for x in (self.turn.own, self.turn.own_error, self.turn.correction)
             )
@@ -116,7 +120,7 @@ class WheelFrame:
                 f"azimuths turned by {by:.2f} degrees."
             )
             findings.append(warning("geometry", text))
-        if self.radius.correction:
+        if self.radius.refuted:
             size = "larger" if self.radius.own > 0.0 else "smaller"
             text = (
                 f"By the ball's acceleration wheels.radius is {100.0 * abs(self.radius.own):.1f} +- "

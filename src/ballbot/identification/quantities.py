@@ -23,6 +23,7 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError, about, check_known
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
@@ -33,6 +34,9 @@ from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
 #: least second moment as a share of their sum, so that their ratios are defined
 _THINNEST = 1e-3
+#: wheel load times radius [N m] up to which the usual friction of a wheel is that of `robot.components`; beyond,
+#: it grows in proportion, as friction of gears and rollers does with the load that they carry
+_USUAL_LOAD = 5.0
 
 
 def second_moments(robot: Robot) -> Sequence[float]:
@@ -154,13 +158,24 @@ def _of_robot(
     )
 
 
+def _heavier(robot: Robot) -> Sequence[float]:
+    return (max(1.0, wheel_load(robot) * robot.wheels.radius / _USUAL_LOAD),) * robot.wheel_count
+
+
 _PLAY = "play of the gears and the change from roller to roller"
 QUANTITIES: tuple[Quantity, ...] = (
-    _of_robot("friction.viscous", "losses of the rollers and their slip, which grow with the speed"),
     _of_robot(
-        "friction.coulomb", "dry friction less what slip of the rollers and play move to other parameters"
+        "friction.viscous",
+        "losses of the rollers and their slip, which grow with the speed",
+        share_of=_heavier,
     ),
-    *(_of_robot(f"friction.stribeck{of}", _PLAY) for of in ("", "_speed", "_exponent")),
+    _of_robot(
+        "friction.coulomb",
+        "dry friction less what slip of the rollers and play move to other parameters",
+        share_of=_heavier,
+    ),
+    _of_robot("friction.stribeck", _PLAY, share_of=_heavier),
+    *(_of_robot(f"friction.stribeck_{of}", _PLAY) for of in ("speed", "exponent")),
     _of_robot("friction.rolling", "losses of the rollers on the ball, and play of the gears"),
     _of_robot("friction.stribeck_asymmetry"),
     _of_robot("friction.load"),

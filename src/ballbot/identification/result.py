@@ -166,9 +166,9 @@ class Identification(Reported):
         """Whether the identification is usable, and why."""
         names, values = np.array(self.uncertainty.coordinates.names), self.values
         lower, upper = self.bounds.T
-        usual = np.array([BY_NAME[name].bounds[1] for name in names])
-        ended = np.isin(names, ("viscous", "coulomb")) & (upper > lower) & (upper >= usual)
-        ended &= values >= upper * (1.0 - 1e-9)
+        ended = (upper > lower) & (values >= upper * (1.0 - 1e-9)) & np.isin(names, ("viscous", "coulomb"))
+        for name in dict.fromkeys(names[ended].tolist()):
+            ended[names == name] &= upper[names == name] >= BY_NAME[name].limits(self.robot)[:, 1]
         dry = np.mean(values[np.isin(names, ("coulomb", "stribeck"))]) * 2.0
         varied = self.variation.deviations if self.variation.differ else {}
         verdict = verdict_of(

@@ -20,7 +20,7 @@ from ballbot.control.overcompensation import (
 )
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
+from ballbot.control.presets import KINDS
 from ballbot.errors import InputError
 from ballbot.robot import Friction, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
@@ -33,7 +33,7 @@ class GainOptions:
 
     kind: str = "nominal"  #: of `ballbot.control.presets.KINDS`
     state_weights: Sequence[float] | None = None  #: (10,) diagonal of Q; the kind's own if None
-    torque_weight: float = NOMINAL_TORQUE_WEIGHT  #: diagonal of R, the same for every wheel
+    torque_weight: float | None = None  #: diagonal of R, the same for every wheel; the kind's own if None
     sample_time: float | None = None  #: [s]; the robot's own if None
 
 

@@ -17,10 +17,10 @@ class GainDesign(Protocol):
         robot: RobotLike,
         *,
         state_weights: Sequence[float],
-        torque_weight: float,
+        torque_weight: float | None = None,
         sample_time: float | None = None,
     ) -> LqrDesign:
-        """Return the gain by ten weights of the state and one of each torque, at the robot's sample time by default."""
+        """Return the gain by ten weights of the state and one of each torque, the kind's own if not given."""
         ...
 
 
@@ -32,7 +32,6 @@ class ControllerKind:
     text: str  #: for `ballbot design --help`
     compensation: Compensation  #: unless another is asked for
     state_weights: Sequence[float]  #: (10,) unless others are given
-    torque_weight: float = 30.0  #: of each wheel [1/(N m)^2]
     design: GainDesign
     #: of a robot, the part of its friction that is compensated, and a gain that `design` made
     controller: Callable[[Robot, Friction, LqrDesign, Compensation], Controller]
@@ -44,7 +43,5 @@ class ControllerKind:
     ) -> Controller:
         """Return the controller by the kind's own weights; it compensates the robot's friction if not given another."""
         robot = as_robot(robot)
-        design = self.design(
-            robot, state_weights=self.state_weights, torque_weight=self.torque_weight, sample_time=sample_time
-        )
+        design = self.design(robot, state_weights=self.state_weights, sample_time=sample_time)
         return self.controller(robot, compensated or robot.friction, design, self.compensation)

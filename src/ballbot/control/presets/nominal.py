@@ -1,7 +1,11 @@
 """The nominal controller: the "soft" gain of the nominal scenario, the thesis's kind.
 
 The thesis prints no gain. This one wanders without compensation as the thesis's figures do. It is frozen, so that
-results made with it can be compared; two properties of a robot change it:
+results made with it can be compared; three properties of a robot change it:
+
+- Motors so strong for the robot's weight that the loop's fastest pole is beyond `FASTEST` times the rate at which the
+  robot falls. Such a loop reverses the torques faster than wheels with a degree of play cross it, and the robot falls.
+  Torque then costs more.
 
 - Viscous friction, as the back-EMF of motors that are driven by a duty, takes so much torque that the loop is lost with
   `TORQUE_LEFT` of it. The gain is then designed with that friction.
@@ -22,8 +26,12 @@ from ballbot.robot import Friction, Robot, RobotLike, as_robot
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
 NOMINAL_STATE_WEIGHTS = (20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0)
-#: weight of each wheel's torque [1/(N m)^2]
+#: weight of each wheel's torque [1/(N m)^2]; doubled until the loop is slow enough
 NOMINAL_TORQUE_WEIGHT = 30.0
+#: pole of the loop over the rate at which the robot falls. Four presets have 1.07 to 1.34 without being held to it.
+#: Robots such as rob311 had 3.3 to 4.5: with 1 to 2 degrees of play their lean rates swung by 0.2 rad/s, and some fell.
+#: With 2 none of 18 fell, but swung by 0.01 to 0.1 rad/s; with 1.5 by 0.01 to 0.06, and stray 1.1 to 1.4 times as far
+FASTEST = 1.5
 #: part of the torque that must do for balance. A design without friction does with half (0.50 at most on the presets,
 #: with the nominal scenario's friction); robots whose loop is lost with more fell, of dry friction
 TORQUE_LEFT = 0.6
@@ -35,19 +43,24 @@ def design_gain(
     robot: RobotLike,
     *,
     state_weights: Sequence[float] = NOMINAL_STATE_WEIGHTS,
-    torque_weight: float = NOMINAL_TORQUE_WEIGHT,
+    torque_weight: float | None = None,
     sample_time: float | None = None,
 ) -> LqrDesign:
     """Return the sampled LQR of the exact model; viscous friction counts where it must, other friction never does.
 
-    Ten weights are the diagonal of Q, the torque weight is that of R for every wheel; the sample time [s] is the
-    robot's own if not given.
+    Ten weights are the diagonal of Q. The torque weight is that of R for every wheel; if not given, it is
+    `NOMINAL_TORQUE_WEIGHT`, doubled until the fastest pole is at most `FASTEST` times the rate at which the robot
+    falls. The sample time [s] is the robot's own if not given.
     """
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
-    weights = (torque_weight,) * robot.wheel_count
-    design = lqr(frictionless_model(robot), state_weights, weights, sample_time=time)
-    viscous = Model(robot).linearize()
+    plain, viscous = frictionless_model(robot).linearize(), Model(robot).linearize()
+    falling = float(np.linalg.eigvals(plain.A).real.max())
+    weights = np.full(robot.wheel_count, NOMINAL_TORQUE_WEIGHT if torque_weight is None else torque_weight)
+    design = lqr(plain, state_weights, weights, sample_time=time)
+    while torque_weight is None and np.abs(design.poles).max() > FASTEST * falling:
+        weights *= 2.0
+        design = lqr(plain, state_weights, weights, sample_time=time)
     F, G = held(viscous.A, viscous.B, time)
     if np.abs(np.linalg.eigvals(F - TORQUE_LEFT * G @ design.gain)).max() < 1.0:
         return design

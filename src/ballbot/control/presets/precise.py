@@ -76,18 +76,19 @@ def design_integral_gain(
     *,
     state_weights: Sequence[float] = PRECISE_STATE_WEIGHTS,
     integral_weights: Sequence[float] = PRECISE_INTEGRAL_WEIGHTS,
-    torque_weight: float = PRECISE_TORQUE_WEIGHT,
+    torque_weight: float | None = None,
     sample_time: float | None = None,
 ) -> LqrDesign:
     """Return the sampled LQR of the exact model without friction and of the integrals of x, y and psi.
 
-    Ten and three weights are the diagonal of Q, the torque weight is that of R for every wheel; the sample time [s] is
-    the robot's own if not given. InputError as `ballbot.lqr`.
+    Ten and three weights are the diagonal of Q, the torque weight is that of R for every wheel, `PRECISE_TORQUE_WEIGHT`
+    if not given; the sample time [s] is the robot's own if not given. InputError as `ballbot.lqr`.
     """
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
     weights = (*state_weights, *integral_weights)
-    design = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    torques = (PRECISE_TORQUE_WEIGHT if torque_weight is None else torque_weight,) * robot.wheel_count
+    design = lqr(_with_integrals(robot), weights, torques, sample_time=time)
     return replace(design, gain=design.gain[:, :10].copy(), integral_gain=design.gain[:, 10:].copy())
 
 

@@ -84,7 +84,14 @@ def check_lean_axes(motion: Motion, robot: Robot) -> list[Finding]:
     """
     terms, block = _terms(motion, robot), motion.block
     gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
-    pairs = list(product(READINGS, READINGS))  # of the angles and of their rates
+    beside = _rates_beside_angles(
+        motion
+    )  # without it, wheels that shake in their play look like rates of other axes
+    pairs = [  # of the angles and of their rates, as logged first
+        (g, w)
+        for g, w in product(READINGS, READINGS)
+        if g == w == READINGS[0] or np.array_equal(matrix_of(g).T @ matrix_of(w), beside)
+    ]
     # factors of the first column as first and as second quantity, and of the second column likewise
     weights = np.array([[1.0, *matrix_of(w).T.ravel(), *matrix_of(g).T.ravel()] for g, w in pairs])
     left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
@@ -124,6 +131,17 @@ def check_lean_axes(motion: Motion, robot: Robot) -> list[Finding]:
     key = "lean-scale: unit" if unit else "lean-scale"
     findings = judged(key, columns, float(off), size=size, inverse=1.0 / size, unit=unit)
     return findings or judged("lean-axes: turn", _LEAN, sure, degrees=degrees, side=side)
+
+
+def _rates_beside_angles(motion: Motion) -> Floats:
+    """Return the reading's matrix (2, 2) from the rates' columns to the slopes of the angles' columns as logged."""
+    t, turning = motion.even[motion.usable], 1j * motion.turning * motion.lean
+    apart = t[2:] - t[:-2]
+    slopes = (motion.lean[:, 2:] - motion.lean[:, :-2]) / apart + turning[:, 1:-1]
+    pair = [z[:, apart < 1.5 * apart.min()] for z in (slopes, motion.lean_rate[:, 1:-1])]
+    angles, rates = (z / np.maximum(np.linalg.norm(z, axis=1, keepdims=True), TINY) for z in pair)
+    alike = (angles.conj() @ rates.T).real
+    return max(map(matrix_of, READINGS), key=lambda matrix: float(np.sum(matrix * alike)))
 
 
 def _changes(readings: Sequence[Reading]) -> int:
