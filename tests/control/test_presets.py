@@ -5,6 +5,7 @@ from math import factorial
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, catching_torque_limit, grip_torque_limit
 from ballbot.control.linear import refuse_without_margin
@@ -14,10 +15,13 @@ from ballbot.control.references import hold
 from ballbot.control.source import NAMED_CONTROLLERS, named_controller
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, as_robot
+from ballbot.robot import Friction, Robot, as_robot
 from ballbot.robot.components import scaled_friction
+from ballbot.robot.wheel_directions import rolling_directions
 from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import initial_state_of
+from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario, assumed_friction
 from ballbot.workflows.controller_design import GainOptions, design_controller
 from ballbot.workflows.grid import LoopRobot
@@ -121,8 +125,83 @@ def test_a_motion_that_changes_into_braking_asks_no_more_than_the_motors_have(na
     fourth = -1.875 * a * shaping.frequency**2 * (parts[3] - parts[4])
     torques = second[:, None, None] * needed["by_second"] + fourth[:, None, None] * needed["by_fourth"]
     largest = np.linalg.norm(torques, axis=2).max()
-    left = grip_torque_limit(robot) - 1.25 * max(robot.friction.breakaway)
+    left = grip_torque_limit(robot) - max(robot.friction.breakaway)
     assert 0.98 * left < largest < 1.005 * left  # settings have three digits
+
+
+def gripping(grip: float, deviation: float = 0.0) -> Robot:
+    robot = alten(FRICTION).replace({"wheels.grip": grip})
+    return robot.annotated(standard_deviations={"wheels.grip": deviation} if deviation else {})
+
+
+def test_grip_raises_the_torque_limit_only_with_a_standard_deviation():
+    unknown = grip_torque_limit(alten(FRICTION))
+    assert grip_torque_limit(gripping(1.0)) == unknown
+    assert grip_torque_limit(gripping(0.3)) < unknown
+    assert grip_torque_limit(gripping(1.0, 0.1)) > 1.2 * unknown
+    assert grip_torque_limit(gripping(1.0, 0.1)) == pytest.approx(grip_torque_limit(gripping(0.9, 0.05)))
+
+
+def survivors(controller: Controller, impulse: float) -> int:
+    """Return of how many pushes from eight directions a robot recovers on the loop."""
+    robot, heading = controller.robot, 2.0 * np.pi * np.arange(8) / 8.0
+    nominal = with_identified(Scenario.nominal(robot), robot.friction)
+    plants = [
+        LoopRobot.of(
+            robot,
+            replace(nominal, pushes=(Push.of_impulse(impulse, d, time=1.0, duration=0.1, height=0.4),)),
+            known=robot,
+        )
+        for d in heading
+    ]
+    batch = simulate_batch(
+        plants[0].model,
+        controller,
+        hold(),
+        duration=6.0,
+        initial_states=np.zeros((8, 10)),
+        imperfections=[plant.imperfections for plant in plants],
+        every=0,
+    )
+    return int(batch.survived.sum())
+
+
+def test_a_robot_of_known_grip_recovers_from_larger_pushes():
+    assert [survivors(precise_controller(alten(FRICTION)), size) for size in (29.0, 34.0)] == [8, 0]
+    assert survivors(precise_controller(gripping(1.0, 0.1)), 34.0) == 8
+
+
+@pytest.mark.parametrize("name", ["alten", "kugle", "rob311"])
+def test_with_the_cap_raised_a_robot_drives_at_what_its_motors_have(name: str):
+    robot = as_robot(name).replace(friction=assumed_friction(name))
+    controller = precise_controller(robot)
+    shaping = controller.parts.shaping
+    assert shaping is not None
+    assert controller.record["shaping"]["speed"][0] == min(2.0, shaping.speed_limit)
+    raised = controller.with_parts(replace(controller.parts, shaping=replace(shaping, speed_cap=100.0)))
+    # a wheel turns fastest where the robot drives along its rolling; friction and a lean take 1 % of its speed or more
+    along = rolling_directions(robot.wheels.azimuths)[0]
+    turns = np.cos(robot.wheels.tilt) / robot.wheels.radius
+    wanted = 0.85 * 0.99 * robot.drive.top_speed / turns
+
+    def drive(t: float) -> NDArray[np.float64]:
+        reference, rise = np.zeros(10), 2.0 * wanted  # 0.5 m/s^2
+        reference[:2] = along[:2] * wanted * (t - 0.5 * rise if t > rise else 0.5 * t * t / rise)
+        return reference
+
+    plant = LoopRobot.of(robot, with_identified(Scenario.nominal(robot), robot.friction), known=robot)
+    batch = simulate_batch(
+        plant.model,
+        raised,
+        drive,
+        duration=2.0 * wanted + 12.0,
+        initial_states=[initial_state_of(seed) for seed in range(4)],
+        imperfections=plant.imperfections,
+        every=20,
+    )
+    assert batch.survived.all()
+    seconds = (batch.states[:, -100:, 5:7] @ along[:2]).reshape(4, 10, 10).mean(axis=2)
+    assert (seconds.max(axis=1) > 0.99 * wanted).all()
 
 
 @pytest.mark.parametrize("name", PRESETS)

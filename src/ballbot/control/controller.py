@@ -19,6 +19,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import wheel_load
+from ballbot.mechanics.traction import torques_of_lean, traction_torque
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
@@ -42,8 +43,11 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
     return BAND_COUNTS * step / sample_time
 
 
-#: largest traction of a wheel over its normal load: beyond it a stiff controller spins its wheels in a fall
+#: largest traction of a wheel over its load at rest, if the grip is unknown: beyond it a stiff controller spins its
+#: wheels in a fall. A fall unloads wheels: most presets' need a grip of 0.5 for it (`traction_torque`)
 GRIP_FRACTION = 0.4
+#: standard deviations by which the grip may be less than the robot file states
+_GRIP_DEVIATIONS = 2.0
 
 
 #: lean [rad] from which a robot must be brought back: errors command up to 0.1 rad (`LeanLimit`)
@@ -55,10 +59,30 @@ _CATCH_SPEED, _CATCH_MOTOR_SPEED = 1.0, 0.4
 _LEAST_TORQUE, _LATE = 0.85, 0.0125
 
 
+def torque_of_lean(robot: Robot) -> float:
+    """Return the torque [N m/rad] of its most loaded wheel that holds a lean while the ball accelerates."""
+    return float(np.linalg.norm(torques_of_lean(frictionless_model(robot)), axis=1).max())
+
+
+def wheel_turns(robot: Robot) -> float:
+    """Return a wheel's speed over that of the robot, in its fastest direction [rad/m]."""
+    return float(np.linalg.norm(frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2], axis=1).max())
+
+
 def grip_torque_limit(robot: Robot) -> float:
-    """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit."""
+    """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit.
+
+    `wheels.grip` less two standard deviations gives it; one without a deviation only if that is less than by default.
+    """
     friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
-    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+    traction = GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius
+    deviation = robot.standard_deviations.get("wheels.grip", 0.0)
+    assert isinstance(deviation, float)
+    certain = robot.wheels.grip - _GRIP_DEVIATIONS * deviation
+    if certain > 0.0:  # else it counts as unknown
+        known = traction_torque(frictionless_model(robot), certain)
+        traction = known if deviation > 0.0 else min(known, traction)
+    return min(robot.drive.torque_limit, traction + friction)
 
 
 def catching_torque_limit(robot: Robot, certain: Friction) -> float:
@@ -68,17 +92,13 @@ def catching_torque_limit(robot: Robot, certain: Friction) -> float:
     the back-EMF, which is viscous friction. Where this, and what weak motors give, leaves less than a lean of
     `_CAUGHT_LEAN` needs once the torque acts, a robot that spares its grip falls.
     """
-    model = frictionless_model(robot)
-    linear = model.linearize()
-    # of each wheel for a lean about x and about y while the ball accelerates; its most loaded direction counts
-    needed = np.linalg.norm(np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4], axis=1).max()
-    rolling = np.linalg.norm(model.wheel_jacobian(np.zeros(5))[:, :2], axis=1).max()
-    speed = min(_CATCH_SPEED * rolling, _CATCH_MOTOR_SPEED * robot.drive.top_speed)
+    speed = min(_CATCH_SPEED * wheel_turns(robot), _CATCH_MOTOR_SPEED * robot.drive.top_speed)
     lost = max(robot.friction.breakaway) + max(certain.viscous) * speed
     spared = grip_torque_limit(robot.replace(friction=certain))
     # friction is identified by the torques commanded, so what motors lack is in it
-    lean = _CAUGHT_LEAN * math.exp(_LATE * float(np.linalg.eigvals(linear.A).real.max()))
-    return max(spared, min(robot.drive.torque_limit, float(lean * needed / _LEAST_TORQUE + lost)))
+    growth = float(frictionless_model(robot).linearize().poles().real.max())
+    needed = _CAUGHT_LEAN * math.exp(_LATE * growth) * torque_of_lean(robot) / _LEAST_TORQUE
+    return max(spared, min(robot.drive.torque_limit, needed + lost))
 
 
 def torque_limit_words(controller: Controller) -> str:

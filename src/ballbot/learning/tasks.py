@@ -27,10 +27,11 @@ from ballbot.control.parts.policy import SCALES as SIZES
 from ballbot.errors import check_known
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.traction import pack_contacts
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import parameter, parameter_class
-from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
+from ballbot.simulation.model_plant import friction_needed_along
 
 #: size that counts as 1: of position [m], lean, heading [rad], velocity [m/s], lean rate and turning rate [rad/s]
 SCALES = np.array(SIZES)

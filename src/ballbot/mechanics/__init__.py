@@ -5,6 +5,7 @@ equations                mass matrix and forces, from attitude and velocities; a
 friction, floor          the friction law of the wheels, and the floor's friction on the ball
 driveline                one driveline's motion
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
+traction                 forces between wheels and ball, and the torque that their grip transmits
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side
 

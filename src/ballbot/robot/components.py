@@ -36,6 +36,9 @@ from ballbot.robot.parameters import (
 #: and gears by data sheets, whose tolerances are 10 to 20 %
 _LENGTH, _MASS, _HEIGHT, _INERTIA, _DATA_SHEET = 0.01, 0.02, 0.03, 0.1, 0.1
 
+#: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
+FALLING_PART = 0.05
+
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
 
@@ -116,6 +119,13 @@ class Wheels:
     azimuths: tuple[float, ...] = parameter(
         "beta_i, from forward towards the left", "rad", written_in="deg", least=-math.inf, most=2.0 * math.pi
     )
+    grip: float = parameter(
+        "mu, friction coefficient on the ball; 0: unknown",
+        default=0.0,
+        least=0.0,
+        most=10.0,
+        usual=(0.0, 1.5),
+    )
     rollers: Rollers = table("The rollers of one wheel.")
 
 
@@ -159,6 +169,12 @@ class Drive:
     def top_speed(self) -> float:
         """The speed [rad/s] of a wheel without load at full supply, where back-EMF is its voltage (Appendix I)."""
         return self.supply_voltage * self.speed_constant / self.gear_ratio
+
+    @property
+    def falling_rate(self) -> float:
+        """The part of its top speed that a motor loses with each N m [1/(N m)]: of the twin's, or by the resistance."""
+        by_resistance = self.resistance / (self.gear_ratio * self.torque_constant * self.supply_voltage)
+        return max(FALLING_PART / self.torque_limit, by_resistance)
 
     def known_resistance(self, user: str) -> float:
         """Return R [ohm]; raise InputError if it is not known, which this user needs."""

@@ -21,8 +21,9 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.held_ball import held_ball_inertia
 from ballbot.robot import Robot, Sensors
+from ballbot.robot.components import FALLING_PART
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
-from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
+from ballbot.simulation.imperfections import DriveLimits
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls

@@ -47,12 +47,11 @@ from ballbot.mechanics.parameters import pack
 from ballbot.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.checks import check_parameters
+from ballbot.robot.components import FALLING_PART
 from ballbot.robot.parameters import parameter, parameter_class, table
 from ballbot.robot.wheel_directions import contact_directions
 from ballbot.simulation.sensors import SENSORS, Accelerometer, FixSource, SensorFaults, sensor_record
 
-#: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
-FALLING_PART = 0.05
 #: the steepest slope for which the first order is taken: 0.1 is 5.7 degrees
 MAX_SLOPE = 0.1
 #: samples by which torques may be late: 5 s at 200 Hz, in which any ballbot falls; each takes room in a batch

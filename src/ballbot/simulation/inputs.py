@@ -14,6 +14,7 @@ from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.traction import pack_contacts
 from ballbot.records import fill_record, packed
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import (
@@ -25,7 +26,7 @@ from ballbot.simulation.imperfections import (
     waves_of,
 )
 from ballbot.simulation.loop import STARTED, Commands, Draws, Inputs, Outcome
-from ballbot.simulation.model_plant import lift_off, pack_contacts
+from ballbot.simulation.model_plant import lift_off
 
 T = TypeVar("T")
 Rows = TypeVar("Rows", Inputs, Outcome)

@@ -63,7 +63,7 @@ from ballbot.mechanics.equations import (
     terms,
 )
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
-from ballbot.simulation.imperfections import FALLING_PART
+from ballbot.robot.components import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
 from ballbot.simulation.rollers import touch
 from ballbot.simulation.sensors import SensorMemory, new_sensor_memory, read_sensors

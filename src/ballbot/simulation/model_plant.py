@@ -6,14 +6,7 @@ The centre of mass is at the height l cos(theta) cos(phi) above the ball's centr
 
 which falls to zero where the height's second derivative is -(m_b + m_r) g / (m_r l) (`lift_off`).
 
-Wheel i pushes the ball along t_i with f_i = tau_i / r_w, where tau_i is what its motor's torque has left after friction
-and the wheel's own acceleration. So the ball pushes the body along -t_i with f_i and along n_i with N_i, and the body,
-whose centre of mass has the acceleration a, needs in its own frame
-
-    sum_i N_i n_i = m_r R^T (a + g) + sum_i f_i t_i          g: upward, (0, 0, g) on a level floor
-
-which three wheels can in one way only (four: the one of least squares). Contact i slips where |f_i| > mu N_i, and has
-lifted where N_i is not positive. Exact formulation; the rollers turn freely across t_i.
+Forces at the wheels, and where they slip or lift: `ballbot.mechanics.traction`.
 """
 
 import numpy as np
@@ -27,14 +20,14 @@ from ballbot.mechanics.engine.lanes import LANES, ROWS, load_parameters, put_rob
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
 from ballbot.mechanics.engine.smooth import acceleration, ball_velocity, body_velocity, net_torques, pose
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
-from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, rotate_back, scale
-from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
+from ballbot.mechanics.engine.vector import each, from_array
+from ballbot.mechanics.equations import LARGEST_LEAN, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.traction import forces_at_wheels
 from ballbot.robot import Robot
-from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 from ballbot.simulation.plant import Measurement
 
 
@@ -87,15 +80,6 @@ def sinking_and_speeds(selected, row, state, u):
 _LIFTED = 1e9  # the friction needed where nothing presses
 
 
-def pack_contacts(robot: Robot) -> NDArray[np.float64]:
-    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, and N_i's factors."""
-    azimuths = robot.wheels.azimuths
-    n, t = contact_directions(azimuths, robot.wheels.tilt), rolling_directions(azimuths)
-    pressing = np.linalg.pinv(n.T)
-    scalars = [robot.body.mass, 1.0 / robot.wheels.radius]
-    return np.concatenate([scalars, pressing.ravel(), (pressing @ t.T).ravel() / robot.wheels.radius])
-
-
 @traced
 def wheel_forces(selected, P, state, u, row):
     """Return each wheel's f_i r_w [N m] and N_i [N] under wheel torques u, by the `row` of `pack_contacts`.
@@ -104,27 +88,6 @@ def wheel_forces(selected, P, state, u, row):
     """
     a, _, _, w, net, v_dot, w_dot = moving(selected, P, state, u)
     return forces_at_wheels(P, a, w, (v_dot, w_dot), net, row)
-
-
-def forces_at_wheels(P, a, w, accelerations, net, row):
-    """Return f_i r_w and N_i for an attitude, a body velocity, accelerations (v_dot, w_dot) and net torques."""
-    v_dot, w_dot = accelerations
-    z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
-    pushes = [
-        torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
-        for wheel, torque in zip(P.wheels, net, strict=True)
-    ]
-    e = (0.0, 0.0, 1.0)
-    turning = add(cross(w_dot, e), cross(w, cross(w, e)))
-    straight = rotate_back(a.R, add((v_dot[0], v_dot[1], 0.0), P.gravity))
-    force = add(scale(straight, row[0]), scale(turning, P.ml))
-    n, pressing = len(pushes), []
-    for i in range(n):
-        pressed = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
-        for j in range(n):
-            pressed = pressed + row[2 + 3 * n + n * i + j] * pushes[j]
-        pressing.append(pressed)
-    return tuple(pushes), tuple(pressing)
 
 
 @traced

@@ -20,7 +20,8 @@ from ballbot.arrays import Floats
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_curve
 from ballbot.robot import Robot
-from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
+from ballbot.robot.components import FALLING_PART
+from ballbot.simulation.imperfections import DriveLimits
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import Scenario
 

@@ -33,11 +33,11 @@ from ballbot.mechanics.floor import FloorFriction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.traction import forces_at_wheels, pack_contacts
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
+from ballbot.robot.components import FALLING_PART
 from ballbot.robot.parameters import parameter, parameter_class
-from ballbot.simulation.imperfections import FALLING_PART
-from ballbot.simulation.model_plant import forces_at_wheels, pack_contacts
 
 if TYPE_CHECKING:
     import casadi

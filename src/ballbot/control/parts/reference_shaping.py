@@ -9,9 +9,10 @@ For x and y together and for psi alike, a point p with velocity v follows a targ
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
 can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
 that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
-disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
-more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
-within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
+disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does the viscous
+friction of a motion that speeds up (drag). While errors command more than the lean limit, as after a push, the robot
+needs its torque to catch itself: a is least then, and comes back within a second. (Without this, a jump of the
+reference soon after a push let robots fall that stand both with it.)
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -65,7 +66,7 @@ _LARGEST_APPROACH = 0.5
 _RESERVE = 1.5
 #: lag of the torque against disturbances [s]
 _LASTING = 1.0
-#: least fraction of the limit of acceleration that disturbances leave
+#: least fraction of the limit of acceleration that disturbances leave, and of these the drag
 _LEAST_LEFT = 0.25
 #: ratio of the speeds at which l is one and zero
 _FAST = 1.5
@@ -86,6 +87,8 @@ class ShapingRecord:
     #: limits of v and v', and the speed up to which a motion is followed without delay; the same of psi
     speed: float = field(metadata=number("m/s"))
     acceleration: float = field(metadata=number("m/s^2"))
+    #: v' that each m/s of v takes
+    drag: float = field(metadata=number("1/s"))
     prompt: float = field(metadata=number("m/s"))
     yaw_rate: float = field(metadata=number("rad/s"))
     yaw_acceleration: float = field(metadata=number("rad/s^2"))
@@ -127,6 +130,7 @@ class _Limits(NamedTuple):
     step: float  # g = w h
     speed: float
     acceleration: float
+    drag: float
     prompt: float
     offset: float  # of the flat output from the position, over the acceleration [s^2]
 
@@ -147,9 +151,8 @@ def shape(law, memory, pose, ahead, wanted):
     h = 1.0 / own.rate
     acceleration = _left(law, memory, ahead.a) * own.acceleration
     offset = law.feed_forward.offset[0, 0]  # along y hardly another
-    place = _Limits(
-        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt, offset
-    )
+    w, g, drag = own.frequency, own.frequency * h, own.drag
+    place = _Limits(w, own.decay, own.gone, g, own.speed, acceleration, drag, own.prompt, offset)
     heading = _Limits(
         own.yaw_frequency,
         own.yaw_decay,
@@ -157,6 +160,7 @@ def shape(law, memory, pose, ahead, wanted):
         own.yaw_frequency * h,
         own.yaw_rate,
         own.yaw_acceleration,
+        0.0,
         own.yaw_prompt,
         0.0,
     )
@@ -253,7 +257,10 @@ def _moved(own, limits, motion, r, away):
     asked = _ask(own, limits, noticed, away)
     share = min(1.0, limits.step)
     missing = _plus(asked, -1.0, motion.velocity)
-    change = _limited(Pair(share * missing.x, share * missing.y), limits.acceleration / own.rate)
+    along = missing.x * motion.velocity.x + missing.y * motion.velocity.y
+    dragged = limits.drag * max(0.0, along) / max(_length(missing), _ROUNDING * limits.speed)
+    most = max(limits.acceleration - dragged, _LEAST_LEFT * limits.acceleration)
+    change = _limited(Pair(share * missing.x, share * missing.y), most / own.rate)
     return _Motion(_plus(motion.velocity, 1.0, change), r, noticed.change, noticed.bend)
 
 
@@ -371,7 +378,9 @@ class ReferenceShaping(Part):
         "w of each of the four lags of x and y", "rad/s", default=12.0, least=_LEAST, most=_MOST
     )
     speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=_LEAST, most=_MOST)
+    speed_cap: float = parameter("for people's safety", "m/s", default=_MOST, least=_LEAST, most=_MOST)
     acceleration_limit: float = parameter("over the floor", "m/s^2", default=1.2, least=_LEAST, most=_MOST)
+    drag: float = parameter("part of it that each m/s takes", "s/m", default=0.0, least=0.0, most=_MOST)
     approach_rate: float = parameter(
         "at which x, y and psi come to a pose that is near", "1/s", default=4.0, least=_LEAST, most=_MOST
     )
@@ -401,8 +410,9 @@ class ReferenceShaping(Part):
             yaw_frequency=self.yaw_frequency,
             yaw_decay=math.exp(-self.yaw_frequency * sample_time),
             yaw_gone=-math.expm1(-self.yaw_frequency * sample_time),
-            speed=self.speed_limit,
+            speed=min(self.speed_limit, self.speed_cap),
             acceleration=self.acceleration_limit,
+            drag=self.drag * self.acceleration_limit,
             prompt=self.prompt_speed,
             yaw_rate=self.yaw_rate_limit,
             yaw_acceleration=self.yaw_acceleration_limit,

@@ -18,6 +18,8 @@ from ballbot.control.controller import (
     catching_torque_limit,
     default_speed_band,
     grip_torque_limit,
+    torque_of_lean,
+    wheel_turns,
 )
 from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, lqr
 from ballbot.control.parts import Parts
@@ -41,19 +43,25 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the friction that the motors carry beside it, over the break-away torque; its lean [rad]; the rate of
-#: its lags over that at which the robot falls
-MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 1.25, 0.165, 1.92
+#: the rate of a motion's lags over that at which the robot falls
+MOTION_RATE = 1.92
+#: the largest lean that a motion or an error commands [rad], whatever the motors have: beyond it gains that are
+#: designed about upright recover from smaller pushes
+COMMANDED_LEAN = 0.3
+#: what errors may command of the lean from which the torque limit brings the robot back at rest
+ERROR_LEAN = 0.5
 #: of a step of v' that five lags of that rate follow: how far s'' - s''''/p^2 goes the other way at first, over the
 #: step
 _AGAINST = 0.2894
 #: of a motion's approach: its rate by the root of the offset of s from the position over s''. With 1, what goes with
 #: that rate is not seen in the position; with more it comes sooner, by up to 3 mm too far on the presets
 MOTION_APPROACH = 1.4
-#: the least acceleration over that by lean, for motors that friction leaves nothing
-MOTION_LEAST = 0.1
-#: the largest speed of a motion [m/s], also over that of the motors without load
-MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
+#: the least acceleration over that by `COMMANDED_LEAN`, for motors that friction leaves nothing
+MOTION_LEAST = 0.05
+#: the largest speed for the safety of people nearby [m/s]; the controller file may have another
+PEOPLE_SPEED = 2.0
+#: the largest speed of a motion over the largest at which motors have the torque for friction and for this lean [rad]
+MOTION_MOTOR_SPEED, SPEED_LEAN = 0.9, math.radians(1.0)
 
 #: the largest lost torque that is added, over the torque limit: on the presets' robots about three times the friction
 #: of the nominal scenario
@@ -112,6 +120,7 @@ def precise_controller(
     if time is None or integral_gain is None:
         raise InputError("The precise controller needs a sampled gain with integral action.")
     limit = catching_torque_limit(robot, known.friction)
+    lean = min(COMMANDED_LEAN, ERROR_LEAN * (limit - max(robot.friction.breakaway)) / torque_of_lean(robot))
     settings = LawSettings(
         robot=known,
         gain=chosen.gain,
@@ -132,7 +141,7 @@ def precise_controller(
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=integral_gain),
             disturbance_observer=DisturbanceObserver(limit=_rounded(OBSERVED_TORQUE * limit)),
-            lean_limit=LeanLimit(),
+            lean_limit=LeanLimit(lean=_rounded(lean)),
         ),
         estimator="kalman",
     )
@@ -145,21 +154,35 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
     second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
-    left = grip_torque_limit(robot) - MOTION_FRICTION * max(robot.friction.breakaway)
-    by_lean = MOTION_LEAN * float(np.linalg.norm(needed.pull, 2))
+    left = max(grip_torque_limit(robot) - max(robot.friction.breakaway), 0.0)
+    by_lean = COMMANDED_LEAN * float(np.linalg.norm(needed.pull, 2))
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
     # it is largest when the motion changes from accelerating to braking
     largest = second * (1.0 + (1.0 + BRAKING) * _AGAINST)
     acceleration = max(min(left / largest, by_lean), MOTION_LEAST * by_lean)
-    rolling = frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2]
-    motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=1).max()
+    drag = max(robot.friction.viscous) * wheel_turns(robot) / (largest * acceleration)
     return ReferenceShaping(
         frequency=_rounded(MOTION_RATE * falling),
-        speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
+        speed_limit=_rounded(MOTION_MOTOR_SPEED * largest_speed(robot)),
+        speed_cap=PEOPLE_SPEED,
         acceleration_limit=_rounded(acceleration),
+        drag=_rounded(drag),
         approach_rate=_rounded(MOTION_APPROACH / math.sqrt(np.linalg.norm(needed.offset, 2))),
     )
+
+
+def largest_speed(robot: Robot) -> float:
+    """Return the largest steady speed [m/s] at which motors have the torque for friction and a lean of `SPEED_LEAN`.
+
+    In the motors' worst direction, along a wheel's rolling, by their torque over speed and by the grip.
+    """
+    drive, viscous = robot.drive, max(robot.friction.viscous)
+    at_rest = max(robot.friction.breakaway) + SPEED_LEAN * torque_of_lean(robot)
+    by_curve = (1.0 - drive.falling_rate * at_rest) / (1.0 / drive.top_speed + drive.falling_rate * viscous)
+    left = catching_torque_limit(robot, robot.friction) - at_rest
+    by_torque = left / viscous if viscous > 0.0 else math.inf
+    return max(min(by_curve, by_torque), MOTION_LEAST * drive.top_speed) / wheel_turns(robot)
 
 
 def _rounded(value: float) -> float:

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "6206b78e68c6e29d211c62e91052ee96617194750d6f3531d3fe867b2d28c21a"
+#define BALLBOT_SCHEMA_DIGEST "6b05c074acc69586249075b7a65e321c39ea91576a6015ceeb615010534674b6"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1644607374, 1757864605, 555508457, 273870486, 1634833525, 225391921, 1409189499, 757645850 }
+#define BALLBOT_SCHEMA_WORDS { 1795539060, 751211910, 613447095, 643707420, 971673943, 1784681934, 1801539600, 1397126326 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -84,6 +84,7 @@ struct ballbot_shaping_record {
     float yaw_gone; /* [1] */
     float speed; /* [m/s] */
     float acceleration; /* [m/s^2] */
+    float drag; /* [1/s] */
     float prompt; /* [m/s] */
     float yaw_rate; /* [rad/s] */
     float yaw_acceleration; /* [rad/s^2] */
@@ -93,7 +94,7 @@ struct ballbot_shaping_record {
     float delay; /* [s] */
     float late; /* [1] */
 };
-typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 17u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 18u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -196,7 +197,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1420u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1421u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -249,7 +250,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1522u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1523u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

@@ -12,9 +12,10 @@
  * so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
  * can still stop it, near it at the approach rate; b is somewhat below a. v follows what is asked of it by a fifth lag, so
  * that a change from accelerating to braking is no jump of v'. What torque a wheel needs against lasting
- * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
- * more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
- * within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
+ * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs; so does the viscous
+ * friction of a motion that speeds up (drag). While errors command more than the lean limit, as after a push, the robot
+ * needs its torque to catch itself: a is least then, and comes back within a second. (Without this, a jump of the
+ * reference soon after a push let robots fall that stand both with it.)
  *
  * A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
  * ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -35,7 +36,7 @@
 
 /* lag of the torque against disturbances [s] */
 #define LASTING 1.0f
-/* least fraction of the limit of acceleration that disturbances leave */
+/* least fraction of the limit of acceleration that disturbances leave, and of these the drag */
 #define LEAST_LEFT 0.25f
 /* weight of the torque against disturbances: a motion that changes needs more than its acceleration does */
 #define RESERVE 1.5f
@@ -58,6 +59,7 @@ struct limits {
     float step; /* g = w h */
     float speed;
     float acceleration;
+    float drag;
     float prompt;
     float offset; /* of the flat output from the position, over the acceleration [s^2] */
 };
@@ -213,8 +215,12 @@ static struct motion moved(const struct ballbot_shaping_record *own, const struc
     const struct ballbot_pair asked = ask(own, limits, &noticed, away);
     const float share = ballbot_smaller(1.0f, limits->step);
     const struct ballbot_pair missing = plus(asked, -1.0f, motion->velocity);
+    const float along = missing.x * motion->velocity.x + missing.y * motion->velocity.y;
+    const float dragged = limits->drag * ballbot_larger(0.0f, along) / ballbot_larger(length(missing),
+        ROUNDING * limits->speed);
+    const float most = ballbot_larger(limits->acceleration - dragged, LEAST_LEFT * limits->acceleration);
     const struct ballbot_pair change = limited((struct ballbot_pair){ share * missing.x, share * missing.y },
-        limits->acceleration / own->rate);
+        most / own->rate);
 
     return (struct motion){ plus(motion->velocity, 1.0f, change), r, noticed.change, noticed.bend };
 }
@@ -286,10 +292,12 @@ struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, stru
     const float h = 1.0f / own->rate;
     const float acceleration = left(law, memory, ahead->a) * own->acceleration;
     const float offset = law->feed_forward.offset[0][0]; /* along y hardly another */
-    const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
-        acceleration, own->prompt, offset };
+    const float w = own->frequency;
+    const float g = own->frequency * h;
+    const float drag = own->drag;
+    const struct limits place = { w, own->decay, own->gone, g, own->speed, acceleration, drag, own->prompt, offset };
     const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
-        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt, 0.0f };
+        own->yaw_rate, own->yaw_acceleration, 0.0f, own->yaw_prompt, 0.0f };
 
     if (state->started == 0) {
         const struct ballbot_pose begun = { pose.x + ahead->state.x, pose.y + ahead->state.y,

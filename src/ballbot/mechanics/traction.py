@@ -1,0 +1,87 @@
+"""Forces between wheels and ball, and the largest torque that the grip between them transmits.
+
+Wheel i pushes the ball along t_i with f_i = tau_i / r_w, where tau_i is what its motor's torque has left after friction
+and the wheel's own acceleration. So the ball pushes the body along -t_i with f_i and along n_i with N_i, and the body,
+whose centre of mass has the acceleration a, needs in its own frame
+
+    sum_i N_i n_i = m_r R^T (a + g) + sum_i f_i t_i          g: upward, (0, 0, g) on a level floor
+
+which three wheels can in one way only (four: the one of least squares). Contact i slips where |f_i| > mu N_i, and has
+lifted where N_i is not positive. Exact formulation; the rollers turn freely across t_i.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.mechanics.engine.lanes import unpacked
+from ballbot.mechanics.engine.vector import add, cross, dot, rotate_back, scale
+from ballbot.mechanics.equations import balancing_attitude, ball_rate
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.wheel_directions import contact_directions, rolling_directions
+
+#: lean [rad] over which forces are differenced, and directions of a fall
+_SMALL, _DIRECTIONS = 1e-3, np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+
+
+def pack_contacts(robot: Robot) -> NDArray[np.float64]:
+    """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, and N_i's factors."""
+    azimuths = robot.wheels.azimuths
+    n, t = contact_directions(azimuths, robot.wheels.tilt), rolling_directions(azimuths)
+    pressing = np.linalg.pinv(n.T)
+    scalars = [robot.body.mass, 1.0 / robot.wheels.radius]
+    return np.concatenate([scalars, pressing.ravel(), (pressing @ t.T).ravel() / robot.wheels.radius])
+
+
+def forces_at_wheels(P, a, w, accelerations, net, row):
+    """Return f_i r_w and N_i for an attitude, a body velocity, accelerations (v_dot, w_dot) and net torques."""
+    v_dot, w_dot = accelerations
+    z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
+    pushes = [
+        torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
+        for wheel, torque in zip(P.wheels, net, strict=True)
+    ]
+    e = (0.0, 0.0, 1.0)
+    turning = add(cross(w_dot, e), cross(w, cross(w, e)))
+    straight = rotate_back(a.R, add((v_dot[0], v_dot[1], 0.0), P.gravity))
+    force = add(scale(straight, row[0]), scale(turning, P.ml))
+    n, pressing = len(pushes), []
+    for i in range(n):
+        pressed = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
+        for j in range(n):
+            pressed = pressed + row[2 + 3 * n + n * i + j] * pushes[j]
+        pressing.append(pressed)
+    return tuple(pushes), tuple(pressing)
+
+
+def torques_of_lean(model: Model) -> NDArray[np.float64]:
+    """Return the wheel torques (n, 2) [N m/rad] that hold a lean theta, phi while the ball accelerates; linear."""
+    linear = model.linearize()
+    return -np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4]
+
+
+def traction_torque(model: Model, grip: float) -> float:
+    """Return the largest torque [N m] of a wheel up to which a robot that catches a fall slips at no wheel.
+
+    At rest it leans by what the torques hold. Lean, torques and accelerations load some wheels and unload others: to
+    first order, in the worst direction. The model is without friction, the grip a coefficient of friction.
+
+    >>> round(traction_torque(Model("alten"), 0.4), 2)
+    1.62
+    """
+    held, row = torques_of_lean(model), pack_contacts(model.robot).tolist()
+    P = unpacked(model.selected, model.packed.item)
+
+    def forces(*lean: float) -> NDArray[np.float64]:
+        torques, a = (held @ lean).tolist(), balancing_attitude((*lean, 0.0))
+        rates = model.acceleration([0.0, 0.0, *lean, 0.0], np.zeros(5), torques).tolist()
+        moments, loads = forces_at_wheels(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
+        return np.array([np.divide(moments, model.robot.wheels.radius), loads])
+
+    rest = forces(0.0, 0.0)
+    slopes = np.array([forces(_SMALL, 0.0) - rest, forces(0.0, _SMALL) - rest]) / _SMALL
+    falls = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)], axis=-1)
+    traction, load = np.moveaxis(np.tensordot(falls, slopes, 1), 1, 0)
+    # |f| s = mu (N_0 + N s)
+    leans = grip * rest[1] / np.maximum(np.abs(traction) - grip * load, 1e-9)
+    return float((leans.min(axis=1) * np.abs(falls @ held.T).max(axis=1)).min())
