@@ -80,6 +80,7 @@ from ballbot.mechanics.stick_slip import largest_of
 
 _ROUNDS = 12
 _ACCURATE = 1e-13  # error of the forces, over the largest
+_FAR = 1e12  # of a slip, beyond each limit
 _DIFFERENCE = 1e-6  # of what a law is given, for its derivative
 _E = (0.0, 0.0, 1.0)
 _TWO = (0.0, 0.0)
@@ -100,6 +101,7 @@ class Reference(NamedTuple):
     moving: Moving
     motors: tuple  #: (n)
     last: tuple  #: (3) Omega by which the contacts' directions turn
+    slides: tuple  #: (2) how the ball slides on, zero where it may stop within the step
 
 
 class SlipProblem(NamedTuple):
@@ -185,7 +187,7 @@ def _start(selected, work, lane):
     plays = entry(work, PLAY, lane) > 0.0
     motors = where(plays, restored(selected.wheels, work, MOTOR, lane), wheels)
     ball = ball_rate(P.inv_rb, rolling)
-    return Reference(Moving(v[:2], w, ball, wheels), motors, ball)
+    return Reference(Moving(v[:2], w, ball, wheels), motors, ball, _TWO)
 
 
 def _slips_in(selected, work, lane):
@@ -296,7 +298,11 @@ def _problem(selected, work, lane, start, at):
                 k.append(speeds[i])
             else:
                 row, known = scale(row, -1.0 / stiffest), -speeds[i] / stiffest
-                K.append((*row[:i], row[i] + 1.0, *row[i + 1 :]))
+                row = (*row[:i], row[i] + 1.0, *row[i + 1 :])
+                if block == n:
+                    on = -_FAR * at.slides[i - first]
+                    row, known = where(inner(at.slides, at.slides) > 0.0, (none, on), (row, known))
+                K.append(row)
                 k.append(known)
         K.append(tuple(row[block] for row in by_force))
         k.append(limits[block])
@@ -402,7 +408,10 @@ def _half_way(selected, work, lane, start, problem, forces):
     """Return the `Reference` half way to where the first forces lead."""
     step, _, end, motors, _ = _end(selected, work, lane, start, start, problem, forces)
     half = Moving(*(scale(add(one, other), 0.5) for one, other in zip(start.moving, end, strict=True)))
-    return Reference(half, scale(add(start.motors, motors), 0.5), end.ball)
+    n, before = len(selected.wheels), restored(_TWO, work, SLIP + 4, lane)
+    after = _speeds(selected, step, end)[2 * n : 2 * n + 2]
+    slides = where(inner(before, after) > 0.0, scale(add(before, after), 0.5), _TWO)
+    return Reference(half, scale(add(start.motors, motors), 0.5), end.ball, slides)
 
 
 def _end(selected, work, lane, start, at, problem, forces):
