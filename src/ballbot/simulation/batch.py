@@ -299,7 +299,13 @@ def _check_imperfections(by_lane: Sequence[Imperfections], model: Model, sample_
                 "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
             )
         needs = lane.sensors is not None or lane.backlash > 0.0 or lane.contacts is not None
-        needs = needs or lane.grip is not None or lane.load_dependence > 0.0 or any(lane.slope) or any(lane.imbalance)
+        needs = (
+            needs
+            or lane.grip is not None
+            or lane.load_dependence > 0.0
+            or any(lane.slope)
+            or any(lane.imbalance)
+        )
         if needs and model.formulation != "exact":
             raise InputError(
                 "Sensors, play, rollers, slip, slopes and masses off the axis need the formulation 'exact': the wheel "

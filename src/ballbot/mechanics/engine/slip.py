@@ -130,7 +130,9 @@ def loads(R, ml, pressing, v_dot, turning, body_weight, floor_weight, traction):
     straight = (m * v_dot[0] + body_weight[0], m * v_dot[1] + body_weight[1], body_weight[2])
     force = add(rotate_back(R, straight), scale(turning, ml))
     rows = ((pressing[2 + 3 * i : 5 + 3 * i], pressing[2 + 3 * n + n * i :][:n]) for i in range(n))
-    return tuple(dot(row, force) + inner(by, traction) for row, by in rows), floor_weight + ml * dot(R[2], turning)
+    return tuple(dot(row, force) + inner(by, traction) for row, by in rows), floor_weight + ml * dot(
+        R[2], turning
+    )
 
 
 def _pressing_in(selected, work, lane):
@@ -142,7 +144,11 @@ def _pressing_in(selected, work, lane):
 def mark_slips(selected, work, width):
     """Leave each lane's floor load, and take away the step of one that slips, or would, on its way to the trial state."""
     for lane in lanes(0, width):
-        P, state, h = load(selected, work, lane), restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
+        P, state, h = (
+            load(selected, work, lane),
+            restored(state_like(selected), work, STATE, lane),
+            entry(work, STEP, lane),
+        )
         trial, grip = restored(state_like(selected), work, TRIAL, lane), restored(_TWO, work, GRIP, lane)
         rate = where(h > 0.0, 1.0 / h, 0.0)
         a = balancing_attitude((state[2], state[3], state[4]))
@@ -158,7 +164,10 @@ def mark_slips(selected, work, width):
         up = rotate_back(a.R, subtract(scale(P.gravity, -1.0), (v_dot[0], v_dot[1], 0.0)))
         torque = subtract(scale(cross(_E, up), P.ml), add(H_dot, cross(w, H)))
         even = solve_symmetric(P.D, torque)
-        traction, pressing = tuple(dot(wheel.axle, even) for wheel in P.wheels), _pressing_in(selected, work, lane)
+        traction, pressing = (
+            tuple(dot(wheel.axle, even) for wheel in P.wheels),
+            _pressing_in(selected, work, lane),
+        )
         turning = add(cross(w_dot, _E), cross(w, cross(w, _E)))
         N, floor = loads(
             a.R, P.ml, pressing, v_dot, turning, restored(_E, work, BODY, lane), P.weight[2], traction
@@ -167,7 +176,10 @@ def mark_slips(selected, work, width):
         F, most = add(along, P.weight[:2]), grip[1] * greatest(floor, 0.0)
         slips = either(
             F[0] * F[0] + F[1] * F[1] > most * most,
-            *(abs(l) * pressing[1] > grip[0] * greatest(N_i, 0.0) for l, N_i in zip(traction, N, strict=True)),
+            *(
+                abs(l) * pressing[1] > grip[0] * greatest(N_i, 0.0)
+                for l, N_i in zip(traction, N, strict=True)
+            ),
             largest_of(restored((*selected.wheels, *_TWO), work, SLIP, lane)) > 0.0,
         )
         slips = both(slips, grip[0] > 0.0)
@@ -239,7 +251,9 @@ def _response(selected, step, forces):
 def _speeds(selected, step, moving):
     """Return the speed at each force: a wheel's and its slip, the floor's slip, the spin."""
     relative = subtract(rotate_back(step.a.R, moving.ball), moving.w)
-    of_wheels = ((q, q - dot(wheel.axle, relative)) for q, wheel in zip(moving.wheels, step.P.wheels, strict=True))
+    of_wheels = (
+        (q, q - dot(wheel.axle, relative)) for q, wheel in zip(moving.wheels, step.P.wheels, strict=True)
+    )
     x, y, spin = moving.ball
     floor = (moving.v[0] - y / step.P.inv_rb, moving.v[1] + x / step.P.inv_rb)
     return sum(of_wheels, ()) + floor + ((spin, 0.0) if isinstance(selected, Pivoting) else ())
@@ -320,7 +334,10 @@ def _motors(selected, work, lane, start, at):
     for i, wheel in enumerate(whole.wheels):
         torque = entry(work, TORQUE + i, lane) - friction_shift(wheel, at.motors[i])
         viscous = 0.5 * h * wheel.b
-        momentum, dry = (rotor - viscous) * start.motors[i] + h * torque, dry_friction(wheel, at.motors[i]) * h
+        momentum, dry = (
+            (rotor - viscous) * start.motors[i] + h * torque,
+            dry_friction(wheel, at.motors[i]) * h,
+        )
         inertia, ahead = rotor + viscous, entry(work, AHEAD + i, lane)
         alone = braked(momentum, dry) / greatest(inertia, 1e-200)
         yield rate, momentum, dry, alone, (-half - ahead) * rate, (half - ahead) * rate, inertia
