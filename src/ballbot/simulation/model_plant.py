@@ -25,9 +25,10 @@ from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES, ROWS, load_parameters, put_robot, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
+from ballbot.mechanics.engine.slip import loads
 from ballbot.mechanics.engine.smooth import acceleration, ball_velocity, body_velocity, net_torques, pose
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
-from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, rotate_back, scale
+from ballbot.mechanics.engine.vector import dot, each, from_array, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
@@ -103,28 +104,18 @@ def wheel_forces(selected, P, state, u, row):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, _, _, w, net, v_dot, w_dot = moving(selected, P, state, u)
-    return forces_at_wheels(P, a, w, (v_dot, w_dot), net, row)
+    return forces_at_contacts(P, a, w, (v_dot, w_dot), net, row)[:2]
 
 
-def forces_at_wheels(P, a, w, accelerations, net, row):
-    """Return f_i r_w and N_i for an attitude, a body velocity, accelerations (v_dot, w_dot) and net torques."""
+def forces_at_contacts(P, a, w, accelerations, net, row):
+    """Return f_i r_w, N_i and the floor's force for an attitude, a body velocity, (v_dot, w_dot) and net torques."""
     v_dot, w_dot = accelerations
     z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
-    pushes = [
+    pushes = tuple(
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
         for wheel, torque in zip(P.wheels, net, strict=True)
-    ]
-    e = (0.0, 0.0, 1.0)
-    turning = add(cross(w_dot, e), cross(w, cross(w, e)))
-    straight = rotate_back(a.R, add((v_dot[0], v_dot[1], 0.0), P.gravity))
-    force = add(scale(straight, row[0]), scale(turning, P.ml))
-    n, pressing = len(pushes), []
-    for i in range(n):
-        pressed = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
-        for j in range(n):
-            pressed = pressed + row[2 + 3 * n + n * i + j] * pushes[j]
-        pressing.append(pressed)
-    return tuple(pushes), tuple(pressing)
+    )
+    return pushes, *loads(P, a.R, row, scale(P.gravity, row[0]), w, accelerations, pushes)
 
 
 @traced
