@@ -175,6 +175,9 @@ class Grip:
     wheels: float = parameter("friction coefficient of the wheels on the ball", default=1.0)
     floor: float = parameter("friction coefficient of the ball on the floor", default=1.0)
 
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RollerContacts:

@@ -78,7 +78,7 @@ from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.parameters import Pivoting, RobotNumbers
 from ballbot.mechanics.stick_slip import largest_of
 
-_ROUNDS = 12
+_ROUNDS = 32
 _ACCURATE = 1e-13  # error of the forces, over the largest
 _FAR = 1e12  # of a slip, beyond each limit
 _DIFFERENCE = 1e-6  # of what a law is given, for its derivative
@@ -200,7 +200,8 @@ def _step(selected, work, lane, start, at):
     spins = tuple(q - more * dot(wheel.axle, w) for q, wheel in zip(at[8:], P.wheels, strict=True))
     f_w = add(forces_in(system)[1], scale(cross(w, ball_torque(P, spins)), j_w * more))
     brake = P.rolling_force / P.inv_rb / P.j_b
-    brake = brake / greatest(root(ball[0] * ball[0] + ball[1] * ball[1]), h * brake)  # stops the ball at most
+    rolls = root(ball[0] * ball[0] + ball[1] * ball[1])
+    brake = brake / greatest(rolls, h * brake + 1e-300)  # stops the ball at most
     burden = scale(restored(selected.wheels, work, LOAD, lane), -1.0)
     last = subtract(scale(ball, 2.0), start[5:8])
     by = subtract(rotate_back(before.R, last), rotate_back(a.R, last))
@@ -360,12 +361,30 @@ def _round(problem, forces):
     return forces, where(error <= _ACCURATE * largest_of(forces), 1.0, 0.0)
 
 
+@traced
+def _with_limits(problem, held, forces):
+    """Return a problem with limits that no force changes: half way from those held to what the forces give."""
+    K, k = list(problem.K), list(problem.k)
+    for block in range(len(forces) // 2):
+        i = 3 * block + 2
+        K[i], k[i] = scale(K[i], 0.0), 0.5 * (held.k[i] + problem.k[i] + inner(problem.K[i], forces))
+    return SlipProblem(tuple(K), tuple(k), problem.own)
+
+
 @inlined
-def _found(problem, forces):
-    """Return the forces, from a guess."""
-    for _ in range(_ROUNDS):
-        forces, accurate = _round(problem, forces)
-        if accurate > 0.0:
+def _found(problem, guess):
+    """Return the forces, from a guess.
+
+    With much grip, loads and tractions may chase one another. Every other four rounds the limits are held, which
+    leaves a convex problem, and follow by halves.
+    """
+    forces, held = guess, _with_limits(problem, problem, guess)
+    for k in range(_ROUNDS):
+        holds = k % 8 > 3
+        forces, accurate = _round(held if holds else problem, guess if k % 8 == 4 else forces)
+        if holds:
+            guess, held = forces, _with_limits(problem, held, forces)
+        elif accurate > 0.0:
             break
     return forces
 
@@ -422,9 +441,11 @@ def slip_steps(selected, work, width):
     """Take the steps of the lanes that were marked."""
     for lane in range(width):
         if entry(work, SLIDES, lane) > 0.0:
-            start = _start(selected, work, lane)
-            problem = _problem(selected, work, lane, start, start)
-            forces = _found(problem, no_forces(selected))
-            at = _half_way(selected, work, lane, start, problem, forces)
-            problem = _problem(selected, work, lane, start, at)
-            _finish(selected, work, lane, start, at, problem, _found(problem, forces))
+            start, forces = _start(selected, work, lane), no_forces(selected)
+            at = start
+            for again in range(2):
+                problem = _problem(selected, work, lane, start, at)
+                forces = _found(problem, forces)
+                if again == 0:
+                    at = _half_way(selected, work, lane, start, problem, forces)
+            _finish(selected, work, lane, start, at, problem, forces)
