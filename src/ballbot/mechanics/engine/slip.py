@@ -204,7 +204,7 @@ def _step(selected, work, lane, start, at):
     brake = brake / greatest(rolls, h * brake + 1e-300)  # stops the ball at most
     burden = scale(restored(selected.wheels, work, LOAD, lane), -1.0)
     last = subtract(scale(ball, 2.0), start[5:8])
-    by = subtract(rotate_back(before.R, last), rotate_back(a.R, last))
+    by = subtract(rotate_back(a.R, last), rotate_back(half_turned(selected, state, a, w, 2.0 * h).R, last))
     turned = tuple(dot(wheel.axle, by) for wheel in P.wheels)
     body, slowed = restored(_E, work, BODY, lane), (-brake * ball[0], -brake * ball[1], 0.0)
     return _Step(P, j_w, a, system, f_w, slowed, burden, w, body, turned)
