@@ -244,14 +244,14 @@ def test_sliding_never_creates_energy():
 
 @pytest.mark.parametrize("slip", [(3.0, 0, 0, 0, 0), (3.0, -4.0, 0, 0.3, 0.2), (0, 0, 0, 0.5, 0.1)])
 def test_order_is_two_while_each_contact_stays_as_it_is(slip):
-    state = np.array([0.1, 0.2, 0.1, -0.05, 0.4, 0.5, -0.3, 0.2, 0.1, 0.3])
+    state = np.array([0.1, 0.2, 0.1, -0.05, 0.4, 0.5, -0.3, 0.2, 0.1, 2.0])  # no wheel is near rest
     ends = []
     for steps in (4, 8, 16):
         slider = Slider(alten(FRICTION), Grip(wheels=0.3 if any(slip[:3]) else 1.0, floor=0.1), 0.002 / steps)
         slider.start(state, np.array(slip))
         ends.append(np.concatenate([slider.steps(np.array([0.4, -0.2, 0.3]), steps), slider.slip]))
     coarse, fine = (np.abs(one - other).max() for one, other in pairwise(ends))
-    assert coarse / fine == pytest.approx(4.0, rel=0.1)
+    assert coarse / fine == pytest.approx(4.0, rel=0.05)
 
 
 def test_gears_with_hardly_any_play_slip_like_rigid_ones():

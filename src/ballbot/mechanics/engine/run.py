@@ -24,9 +24,9 @@ from ballbot.mechanics.engine.lanes import (
     LANES,
     MARGIN,
     ROBOT,
+    ROTOR,
     ROWS,
     SLIDES,
-    SLIP,
     STATE,
     STEP,
     TORQUE,
@@ -79,7 +79,7 @@ def _code_of(selected: Exact | Thesis | Pivoting, kind: type, slips: bool) -> in
             begin_steps(selected, work, width)
             resting = _count_open(work, 0, width)
             if resting > 0:
-                _sort(selected, work, width, SLIDES if slips else SLIP)
+                _sort(selected, work, width, SLIDES if slips else ROTOR)
             if resting < width:
                 smooth_block(selected, work, _whole_groups(width - resting, width))
             for first in range(0, width, GROUP):
@@ -121,8 +121,8 @@ def _is_open(work, lane):
 
 
 @inlined
-def _sort(selected, work, width, slip_end):
-    """Bring the open lanes to the end, with the rows from `SLIP` to `slip_end`."""
+def _sort(selected, work, width, end):
+    """Bring the open lanes to the end; a lane's rows from `TORQUE` to before `end` are its robot's."""
     last = width
     for lane in range(width):
         if lane < last and _is_open(work, lane):
@@ -130,18 +130,16 @@ def _sort(selected, work, width, slip_end):
             while lane < last and _is_open(work, last):
                 last -= 1
             if lane < last:
-                _swap_lanes(selected, work, lane, last, slip_end)
+                _swap_lanes(selected, work, lane, last, end)
 
 
 @inlined
-def _swap_lanes(selected, work, first, second, slip_end):
+def _swap_lanes(selected, work, first, second, end):
     for row in range(row_size(selected)):
         swap(work, row, first, second)
     for row in range(STATE, STATE + 11):
         swap(work, row, first, second)
-    for row in range(TORQUE, ROBOT + 1):
-        swap(work, row, first, second)
-    for row in range(SLIP, slip_end):
+    for row in range(TORQUE, end):
         swap(work, row, first, second)
     for row in range(SINES, SPEEDS + 4):
         swap(work, row, first, second)
