@@ -57,9 +57,9 @@ class Slider:
 
     def steps(self, torques: Floats, count: int = 1) -> Floats:
         """Return the state after so many steps; its drive's limits are far away."""
-        for _ in range(count):
-            measured = self.plant.step(torques, self.h)
-        return measured.truth
+        for _ in range(count - 1):
+            self.plant.step(torques, self.h)
+        return self.plant.step(torques, self.h).truth
 
 
 # --- by hand ---------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def sliding_acceleration(robot: Robot, state: Floats, slip: Floats, u: Floats, g
     needed = np.concatenate([[np.hypot(*forces[:2])], np.abs(forces[7:])])
     most = (limits @ forces)[[0, *range(7, m)]]
     held = ~slides[[0, *range(7, m)]]
-    acceleration = robot_acceleration(q, q_dot, solution[None, :size])[0]
+    acceleration = robot_acceleration(q, q_dot, np.asarray(solution[None, :size], dtype=float))[0]
     loaded, moving = (pressing @ forces[4:7]).min() > 1.0, np.abs(rates).min() > 0.1
     return acceleration, loaded and moving and (needed < 0.98 * most)[held].all()
 

@@ -448,4 +448,5 @@ def slip_steps(selected, work, width):
                 forces = _found(problem, forces)
                 if again == 0:
                     at = _half_way(selected, work, lane, start, problem, forces)
-            _finish(selected, work, lane, start, at, problem, forces)
+                else:
+                    _finish(selected, work, lane, start, at, problem, forces)
