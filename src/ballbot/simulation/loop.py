@@ -6,8 +6,8 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise and the limits of driver and supply apply
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, bumps,
-                rollers that come and go under the wheels; in the frame of a floor that slopes
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, contacts that
+                slip, pushes, bumps, rollers that come and go under the wheels; in the frame of a floor that slopes
 
 Random numbers are drawn before (`Draws`). `SensedPlant` calls the loop one sample at a time, with the sensors and the
 estimator of one robot and a controller in Python, and gives the same results to rounding.
