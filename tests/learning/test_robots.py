@@ -47,3 +47,7 @@ def test_boxes_have_the_ranges_that_the_documents_state():
     assert {one.imperfections.delay - nominal for one in drawn} == {0, 1, 2}
     slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn])
     assert 0.5 * np.tan(np.radians(1.0)) < slopes.max() <= np.tan(np.radians(1.0))
+    grips = np.array([(grip.wheels, grip.floor) for one in drawn if (grip := one.imperfections.grip)])
+    assert len(grips) == 150
+    assert 0.4 <= grips.min() < 0.42
+    assert 0.98 < grips.max() <= 1.0

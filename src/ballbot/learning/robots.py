@@ -9,7 +9,7 @@ from ballbot.control.overcompensation import has_friction
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.simulation.imperfections import MAX_DELAY
+from ballbot.simulation.imperfections import MAX_DELAY, Grip
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import LoopRobot
@@ -21,6 +21,8 @@ DRAWN = 64
 MASS, HEIGHT, FRICTION_SHARE = 0.2, 0.2, 1.0 / 3.0
 #: of the boxes: most samples by which torques come late, and the steepest floor [rad]
 DELAY, TILT = 2, math.radians(1.0)
+#: of the boxes: the friction coefficients beyond which wheels slip on the ball, and the ball on the floor
+GRIP = 0.4, 1.0
 
 
 def drawn_robots(
@@ -67,6 +69,7 @@ def _drawn_from_boxes(
     *wheels, rolling = 1.0 + FRICTION_SHARE * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
     delay, slope = int(random.integers(0, DELAY + 1)), math.tan(TILT * random.uniform())
     uphill = random.uniform(0.0, 2.0 * np.pi)
+    grip, floor_grip = random.uniform(*GRIP, 2).tolist()
     true = robot.replace(
         body=scaled_body(robot.body, mass=mass, height=height),
         friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
@@ -76,6 +79,7 @@ def _drawn_from_boxes(
         drawn.imperfections,
         delay=min(drawn.imperfections.delay + delay, MAX_DELAY),
         slope=(slope * math.cos(uphill), slope * math.sin(uphill)),
+        grip=Grip(wheels=grip, floor=floor_grip),
         seed=seed,
     )
     return replace(drawn, imperfections=imperfections)

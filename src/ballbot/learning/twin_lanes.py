@@ -13,6 +13,7 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.learning.lanes import LaneArrays
 from ballbot.robot import Robot
+from ballbot.simulation.imperfections import Grip
 from ballbot.simulation.loop import ADVANCED, STARTED
 from ballbot.simulation.plant import Measurement
 from ballbot.twin.faults import Timing
@@ -23,14 +24,17 @@ from ballbot.workflows.grid import LoopRobot
 
 
 def twin_scenario(drawn: LoopRobot, scenario: Scenario) -> Scenario:
-    """Return the scenario in which a twin has the friction, the delay and the floor of a robot that was drawn."""
+    """Return the scenario in which a twin has friction, delay, floor and grip of a robot that was drawn."""
     given = drawn.imperfections
     (along, across), delay, jitter = given.slope, given.delay, given.jitter
     about_x = math.atan(across)
+    grip = given.grip or Grip(wheels=scenario.roller_grip, floor=scenario.floor_grip)
     timing = Timing(delay=delay, jitter=jitter) if delay or jitter else None
     return replace(
         with_identified(scenario, drawn.model.robot.friction),
         timing=timing,
+        roller_grip=grip.wheels,
+        floor_grip=grip.floor,
         floor_tilt=(about_x, -math.atan(along * math.cos(about_x))),
         payload=None,  # the robot that was drawn carries it
     )

@@ -26,7 +26,7 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.floor import REST, rolling_brake
-from ballbot.mechanics.friction import dry_friction, friction_shift, sign
+from ballbot.mechanics.friction import NO_TERMS, OwnWheel, Wheel, dry_friction, friction_shift, sign
 from ballbot.mechanics.parameters import Pivoting
 
 
@@ -66,6 +66,18 @@ def contact_matrix(selected, P, a, Y):
 def parted(nu):
     """Return (v, w) of velocities or accelerations v + w."""
     return nu[:-3], nu[-3:]
+
+
+@traced
+def wheel_side(P, rotor):
+    """Return the robot beyond its gears: without rotors and their friction, which is on the motor's side."""
+    bare = (
+        wheel._replace(b=0.0, coulomb_asymmetry=0.0, factor=0.0)
+        if isinstance(wheel, OwnWheel)
+        else Wheel(wheel.axle, 0.0, 0.0, 0.0, NO_TERMS, 1.0, 1.0)
+        for wheel in P.wheels
+    )
+    return P._replace(d1=P.d1 - rotor, d2=P.d2 - rotor, d3=P.d3 - rotor, wheels=tuple(bare))
 
 
 class FreeMotion(NamedTuple):

@@ -11,6 +11,7 @@ order 1 + delta, because the law itself is no smoother there).
 from typing import NamedTuple
 
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.mechanics.friction import breakaway, directed_friction, friction_shift, sign, under_load
 
 #: stands for "no limit"; finite, so that it stays a number when multiplied by zero
@@ -97,3 +98,22 @@ def _time_to_stop(wheel, inertia, torque, speed, direction, h):
         if settled:
             break
     return time
+
+
+@traced
+def braked(momentum, dry):
+    """Return a momentum less the part that dry friction takes."""
+    return momentum - least(greatest(momentum, -dry), dry)
+
+
+@traced
+def through_play(free, rate, momentum, dry, alone, low, high, wheel, together):
+    """Return the torque from a motor to its wheel, which would turn at speed `free` without it, and the motor's speed.
+
+    In contact at the stop with relative speed c, the wheel's inertia being j: m rho = N - h T + friction and
+    rho = free + h T / j + c.
+    """
+    relative = least(greatest(alone - free, low), high)
+    speed = braked(momentum + (relative + free) * wheel, dry) * together
+    touches = relative != alone - free
+    return where(touches, ((speed - relative - free) * wheel * rate, speed), (0.0, alone))

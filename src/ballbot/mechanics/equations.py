@@ -167,12 +167,12 @@ def terms_exact(P, a, v, w):
     c = scale((w[0] * w[2], w[1] * w[2], -w[0] * w[0] - w[1] * w[1]), P.ml)
     k1 = P.d1 * P.inv_rb
     # and the weight along the floor, - (m_b + m_r) g_xy, where g points up and is (0, 0, g) on a level floor
-    g = P.gravity
     f_v = (
-        -dot(R[0], c) - k1 * dot(R[1], D_zxw) - P.weighed * g[0],
-        k1 * dot(R[0], D_zxw) - dot(R[1], c) - P.weighed * g[1],
+        -dot(R[0], c) - k1 * dot(R[1], D_zxw) - P.weight[0],
+        k1 * dot(R[0], D_zxw) - dot(R[1], c) - P.weight[1],
     )
     # force on w: gravity m_r l (R^T g) x e, less w x H - D2 (z x w)
+    g = P.gravity
     w_x_H = cross(w, H)
     f_w = (
         P.ml * (R[0][1] * g[0] + R[1][1] * g[1] + R[2][1] * g[2]) - w_x_H[0] + P.d2 * D_zxw[0],
@@ -335,12 +335,12 @@ def _solve_rolling(system, force_v, force_w):
         yz - X[1] * U[2] - Y[1] * V[2],
     )
     rest = subtract(force_w, add(scale(U, force_v[0]), scale(V, force_v[1])))
-    w = _solve_symmetric(S, rest)
+    w = solve_symmetric(S, rest)
     f_x, f_y = force_v[0] - dot(X, w), force_v[1] - dot(Y, w)
     return (i_xx * f_x + i_xy * f_y, i_xy * f_x + i_yy * f_y), w
 
 
-def _solve_symmetric(S, right):
+def solve_symmetric(S, right):
     """Return S^-1 right for a symmetric 3 x 3 matrix, by cofactors."""
     xx, yy, zz, xy, xz, yz = S
     c_xx, c_xy, c_xz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy

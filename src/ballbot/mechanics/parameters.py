@@ -63,6 +63,7 @@ class RobotNumbers(NamedTuple):
     #: g along the floor's x and y and its normal, upward; (0, 0, g) on a level one [m/s^2]
     gravity: tuple[float, float, float]
     weighed: float  #: m_b + m_r [kg]
+    weight: tuple[float, float, float]  #: of these masses, in the axes of `gravity` [N]
     d1: float  #: D1 = d1 D, likewise d2 and d3 (docs/mechanics.md) [kg m^2]
     d2: float
     d3: float
@@ -205,6 +206,7 @@ def pack(
         ml=body.mass * body.center_of_mass,
         gravity=(robot.gravity * upward[0], robot.gravity * upward[1], robot.gravity * upward[2]),
         weighed=ball.mass + body.mass,
+        weight=(robot.weight * upward[0], robot.weight * upward[1], robot.weight * upward[2]),
         d1=j_w + j_r,
         d2=j_w * k + j_r,
         d3=j_w * (2.0 * k - 1.0) + j_r,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.lanes import unpacked
-from ballbot.mechanics.engine.vector import add, cross, dot, rotate_back, scale
+from ballbot.mechanics.engine.slip import loads
+from ballbot.mechanics.engine.vector import dot, rotate_back, scale
 from ballbot.mechanics.equations import balancing_attitude, ball_rate
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -33,25 +34,15 @@ def pack_contacts(robot: Robot) -> NDArray[np.float64]:
     return np.concatenate([scalars, pressing.ravel(), (pressing @ t.T).ravel() / robot.wheels.radius])
 
 
-def forces_at_wheels(P, a, w, accelerations, net, row):
-    """Return f_i r_w and N_i for an attitude, a body velocity, accelerations (v_dot, w_dot) and net torques."""
+def forces_at_contacts(P, a, w, accelerations, net, row):
+    """Return f_i r_w, N_i and the floor's force for an attitude, a body velocity, (v_dot, w_dot) and net torques."""
     v_dot, w_dot = accelerations
     z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
-    pushes = [
+    pushes = tuple(
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
         for wheel, torque in zip(P.wheels, net, strict=True)
-    ]
-    e = (0.0, 0.0, 1.0)
-    turning = add(cross(w_dot, e), cross(w, cross(w, e)))
-    straight = rotate_back(a.R, add((v_dot[0], v_dot[1], 0.0), P.gravity))
-    force = add(scale(straight, row[0]), scale(turning, P.ml))
-    n, pressing = len(pushes), []
-    for i in range(n):
-        pressed = dot((row[2 + 3 * i], row[3 + 3 * i], row[4 + 3 * i]), force)
-        for j in range(n):
-            pressed = pressed + row[2 + 3 * n + n * i + j] * pushes[j]
-        pressing.append(pressed)
-    return tuple(pushes), tuple(pressing)
+    )
+    return pushes, *loads(P, a.R, row, scale(P.gravity, row[0]), w, accelerations, pushes)
 
 
 def torques_of_lean(model: Model) -> NDArray[np.float64]:
@@ -75,8 +66,8 @@ def traction_torque(model: Model, grip: float) -> float:
     def forces(*lean: float) -> NDArray[np.float64]:
         torques, a = (held @ lean).tolist(), balancing_attitude((*lean, 0.0))
         rates = model.acceleration([0.0, 0.0, *lean, 0.0], np.zeros(5), torques).tolist()
-        moments, loads = forces_at_wheels(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
-        return np.array([np.divide(moments, model.robot.wheels.radius), loads])
+        moments, pressing, _ = forces_at_contacts(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
+        return np.array([np.divide(moments, model.robot.wheels.radius), pressing])
 
     rest = forces(0.0, 0.0)
     slopes = np.array([forces(_SMALL, 0.0) - rest, forces(0.0, _SMALL) - rest]) / _SMALL

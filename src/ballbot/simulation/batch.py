@@ -299,11 +299,17 @@ def _check_imperfections(by_lane: Sequence[Imperfections], model: Model, sample_
                 "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
             )
         needs = lane.sensors is not None or lane.backlash > 0.0 or lane.contacts is not None
-        needs = needs or lane.load_dependence > 0.0 or any(lane.slope) or any(lane.imbalance)
+        needs = (
+            needs
+            or lane.grip is not None
+            or lane.load_dependence > 0.0
+            or any(lane.slope)
+            or any(lane.imbalance)
+        )
         if needs and model.formulation != "exact":
             raise InputError(
-                "Sensors, play, rollers, slopes and masses off the axis need the formulation 'exact': the wheel speeds "
-                "of 'thesis' are not those that encoders see."
+                "Sensors, play, rollers, slip, slopes and masses off the axis need the formulation 'exact': the wheel "
+                "speeds of 'thesis' are not those that encoders see."
             )
     if len({lane.backlash > 0.0 for lane in by_lane}) > 1:
         raise InputError("Either all lanes of a batch have play or none.")

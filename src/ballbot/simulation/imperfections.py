@@ -167,6 +167,17 @@ class DriveLimits:
         return np.clip(torques, -most - back_emf, most - back_emf)
 
 
+@parameter_class
+class Grip:
+    """Coulomb friction of the contacts, beyond which they slip."""
+
+    wheels: float = parameter("friction coefficient of the wheels on the ball", default=1.0)
+    floor: float = parameter("friction coefficient of the ball on the floor", default=1.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RollerContacts:
     """Wheels that touch the ball by one roller after another: of rubber as the twin's, unless its numbers are given."""
@@ -236,6 +247,7 @@ class Imperfections:
     )
     backlash: float = parameter("gearbox play at the wheel, from stop to stop", "rad", default=0.0, least=0.0)
     contacts: RollerContacts | None = None  #: None if each wheel touches in a single point
+    grip: Grip | None = None  #: None if contacts never slip
     load_dependence: float = parameter(
         "fraction of the dry driveline friction that follows the contact's force",
         default=0.0,
@@ -337,6 +349,9 @@ class LoopRecord:
         default_factory=lambda: np.zeros((1, 1)), metadata=number("1", MAX_WHEELS, MAX_WHEELS)
     )
     load_dependence: float = field(default=0.0, metadata=number("1"))
+    #: friction coefficients of contacts that may slip; 0 if they never do
+    wheel_grip: float = field(default=0.0, metadata=number("1"))
+    floor_grip: float = field(default=0.0, metadata=number("1"))
     fallen_cosine: float = field(default=-1.0, metadata=number("1"))
     #: of the floor's frame in the world's
     floor_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
@@ -419,6 +434,10 @@ def _of_contacts(imperfections: Imperfections, robot: Robot) -> dict[str, object
     normals = contact_directions(wheels.azimuths, wheels.tilt)
     at_rest = robot.body.mass * robot.gravity / (len(normals) * math.cos(wheels.tilt))
     values: dict[str, object] = {"load_dependence": imperfections.load_dependence, "pressure": at_rest}
+    if imperfections.grip is not None:
+        if not wheels.inertia > 0.0:
+            raise InputError(f"Wheels that slip need an inertia; wheels.inertia of {robot.name!r} is zero.")
+        values |= {"wheel_grip": imperfections.grip.wheels, "floor_grip": imperfections.grip.floor}
     if imperfections.contacts is None:
         return values
     contacts, radius = imperfections.contacts, robot.ball.radius

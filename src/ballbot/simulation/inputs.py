@@ -48,9 +48,10 @@ def inputs_of(
     """
     robots, selected = [model.robot for model in models], models[0].selected
     filters = _filters(by_lane, robots, estimators, sample_time)
+    slips = any(lane.grip for lane in by_lane)
     return Inputs(
-        code=code_of(selected),
-        play_code=play_code_of(selected) if any(lane.backlash > 0.0 for lane in by_lane) else 0,
+        code=code_of(selected, slips=slips),
+        play_code=play_code_of(selected, slips=slips) if any(lane.backlash > 0.0 for lane in by_lane) else 0,
         law_code=law_code() if laws else 0,
         filter_code=sample_code() if len(filters) else 0,
         parameters=_on_floors(models, by_lane),

@@ -6,8 +6,8 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise and the limits of driver and supply apply
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, bumps,
-                rollers that come and go under the wheels; in the frame of a floor that slopes
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, contacts that
+                slip, pushes, bumps, rollers that come and go under the wheels; in the frame of a floor that slopes
 
 Random numbers are drawn before (`Draws`). `SensedPlant` calls the loop one sample at a time, with the sensors and the
 estimator of one robot and a controller in Python, and gives the same results to rounding.
@@ -25,18 +25,24 @@ from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import sample_block
 from ballbot.estimation.known import Shown
 from ballbot.estimation.onboard import ONBOARD_MEMORY_TYPE, onboard_reset, onboard_update
+from ballbot.mechanics.contacts import wheel_side
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined, spliced
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
+    BODY,
+    FLOOR,
+    GRIP,
     LANES,
     LOAD,
     MOTOR,
     PLAY,
+    PRESSING,
     ROBOT,
     ROTOR,
     ROWS,
+    SLIP,
     STATE,
     STEP,
     TORQUE,
@@ -45,10 +51,11 @@ from ballbot.mechanics.engine.lanes import (
     new_work,
     put,
     put_robot,
+    restored,
     robot_in,
     stored,
 )
-from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
+from ballbot.mechanics.engine.play import passed_torques, play_block
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.tracing import borrowed, lanes, traced
@@ -62,7 +69,7 @@ from ballbot.mechanics.equations import (
     solve,
     terms,
 )
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
+from ballbot.mechanics.parameters import COLUMNS, RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.robot.components import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
 from ballbot.simulation.rollers import touch
@@ -70,6 +77,7 @@ from ballbot.simulation.sensors import SensorMemory, new_sensor_memory, read_sen
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
+_GRAVITY, _WEIGHT, _ML = COLUMNS["gravity"], COLUMNS["weight"], COLUMNS["ml"]
 #: rows of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end, and the rates of
 #: its angles
 _SINKING, _RATES = SINES, SINES + 1
@@ -264,11 +272,38 @@ def _along(v, p):
 
 
 @inlined
+def _let_slip(work, lane, inputs):
+    """Give a lane the grip of its contacts, and its weight alone as a load of them."""
+    robot = robot_in(work, lane)
+    record, numbers = _loop_of(inputs, robot), inputs.parameters[_row_of(inputs.parameters, robot)]
+    pressing = inputs.contacts[_row_of(inputs.contacts, robot)]
+    work[GRIP * LANES + lane], work[(GRIP + 1) * LANES + lane] = record.wheel_grip, record.floor_grip
+    for i in range(len(pressing)):
+        work[(PRESSING + i) * LANES + lane] = pressing[i]
+    for axis in range(3):
+        work[(_GRAVITY + axis) * LANES + lane] = numbers[_GRAVITY + axis]
+        work[(_WEIGHT + axis) * LANES + lane] = numbers[_WEIGHT + axis]
+        work[(BODY + axis) * LANES + lane] = pressing[0] * numbers[_GRAVITY + axis]
+
+
+@inlined
+def _lean_on(work, lane, push):
+    """Let a push act on a lane as a part of its weight, so that what bears it may slip; exact, at any height."""
+    for axis in range(3):
+        force = push[2 + axis]
+        work[(_GRAVITY + axis) * LANES + lane] -= push[5] * force / work[_ML * LANES + lane]
+        work[(_WEIGHT + axis) * LANES + lane] -= force
+        work[(BODY + axis) * LANES + lane] -= force
+
+
+@inlined
 def _take_pushes(selected, work, lane, inputs, memory, sampling, sample):
     """Let pushes, and the slope of the floor's bumps as a push at the ball's centre, act on a lane for a sample."""
     robot = robot_in(work, lane)
     pushes = inputs.pushes[_row_of(inputs.pushes, robot)]
     bumps = inputs.bumps[_row_of(inputs.bumps, robot)]
+    if _loop_of(inputs, robot).wheel_grip > 0.0:
+        _let_slip(work, lane, inputs)
     for k in range(len(pushes) + min(len(bumps), 1)):
         push = memory.force[robot]
         if k == len(pushes):
@@ -283,7 +318,10 @@ def _take_pushes(selected, work, lane, inputs, memory, sampling, sample):
             if not pushes[k, 0] <= sample < pushes[k, 1]:
                 continue
         record = _loop_of(inputs, robot)
-        _push(selected, work, lane, record, push, sampling.sample_time)
+        if record.wheel_grip > 0.0:
+            _lean_on(work, lane, push)
+        else:
+            _push(selected, work, lane, record, push, sampling.sample_time)
 
 
 @inlined
@@ -293,7 +331,8 @@ def _roll(selected, work, lane, inputs, memory, since):
     record, rolled, wheels = _loop_of(inputs, robot), memory.rolled[robot], memory.wheels[robot]
     axles = inputs.parameters[_row_of(inputs.parameters, robot)]
     _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-    fill(wheels, speeds)
+    for i in range(n):
+        wheels[i] = speeds[i] + work[(SLIP + i) * LANES + lane]
     angles, rings = memory.touching[robot], memory.rings[robot]
     for i in range(n):
         angles[i] = memory.turns[robot, i] + (
@@ -505,7 +544,7 @@ def _ends(selected, work, width, plays):
         falling, speeds = sinking_with_speeds(selected, P, state, u)
         put(work, _SINKING, lane, falling)
         stored(work, _RATES, lane, rates_of_angles(selected, a, body_velocity(state)))
-        stored(work, SPEEDS, lane, speeds)
+        stored(work, SPEEDS, lane, add(speeds, restored(selected.wheels, work, SLIP, lane)))
 
 
 @traced
@@ -548,7 +587,10 @@ def _end_where_due(selected, work, lane, inputs, sampling, memory, out, sample):
     lost = truth[2] * truth[2] + truth[3] * truth[3] > sampling.lost_lean * sampling.lost_lean
     fallen = fallen or (lost and truth[2] * truth[7] + truth[3] * truth[8] > 0.0)
     if not fallen:
-        if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, robot)]:
+        bears = work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, robot)]
+        if record.wheel_grip > 0.0:
+            bears = work[FLOOR * LANES + lane] > 0.0
+        if not bears:
             fallen = out.lifted[robot] = True
         elif sampling.grip < math.inf:
             P, u = load(selected, work, lane), load_torques(selected, work, lane)

@@ -26,7 +26,7 @@ from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.traction import forces_at_wheels
+from ballbot.mechanics.traction import forces_at_contacts
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 
@@ -87,7 +87,7 @@ def wheel_forces(selected, P, state, u, row):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, _, _, w, net, v_dot, w_dot = moving(selected, P, state, u)
-    return forces_at_wheels(P, a, w, (v_dot, w_dot), net, row)
+    return forces_at_contacts(P, a, w, (v_dot, w_dot), net, row)[:2]
 
 
 @traced

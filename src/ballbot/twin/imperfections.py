@@ -17,7 +17,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.geometry import rotation_to
 from ballbot.mechanics.model import Model
 from ballbot.robot import Body, Friction, Robot
-from ballbot.simulation.imperfections import Imperfections, Later, RollerContacts
+from ballbot.simulation.imperfections import Grip, Imperfections, Later, RollerContacts
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
@@ -53,10 +53,11 @@ def left_out(scenario: Scenario, *, identified: bool = False) -> tuple[str, ...]
     return (*beyond, "slip of wheels and ball")
 
 
-def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imperfections:
+def imperfections_of(scenario: Scenario, *, known: Robot | None = None, slips: bool = False) -> Imperfections:
     """Return a scenario's sensors, drive, floor and pushes; `left_out` names what is not among them.
 
-    `known` is the robot that the estimator knows; the true one by default.
+    `known` is the robot that the estimator knows; the true one by default. With `slips` wheels and ball slip beyond the
+    scenario's grip.
     """
     normal = floor_normal(scenario)
     timing, loop = scenario.timing, scenario.current_loop
@@ -82,6 +83,7 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
         supply=scenario.supply,
         backlash=scenario.backlash,
         contacts=contacts if scenario.wheel_contact == "rollers" else None,
+        grip=Grip(wheels=scenario.roller_grip, floor=scenario.floor_grip) if slips else None,
         load_dependence=scenario.load_dependence.fraction if scenario.load_dependence else 0.0,
         slope=(float(-normal[0] / normal[2]), float(-normal[1] / normal[2])),
         imbalance=_imbalance(scenario.at(0.0)),

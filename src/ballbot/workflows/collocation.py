@@ -27,13 +27,13 @@ from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.smooth import acceleration
-from ballbot.mechanics.engine.vector import add, cross, rotate, scale
+from ballbot.mechanics.engine.vector import rotate
 from ballbot.mechanics.equations import attitude_of, ball_torque, body_rates, wheel_speeds
 from ballbot.mechanics.floor import FloorFriction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.traction import forces_at_wheels, pack_contacts
+from ballbot.mechanics.traction import forces_at_contacts, pack_contacts
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.components import FALLING_PART
@@ -194,11 +194,8 @@ class Planner:
         rate = ca.vertcat(*q[5:], *v_dot, *angle_accelerations(model.selected, a, rates, w_dot))
         speeds = wheel_speeds(model.selected, P, a, v, w)
         motors = [net[i] + self._friction(i, speeds[i]) for i in range(n)]
-        moments, presses = forces_at_wheels(P, a, w, (v_dot, w_dot), net, pack_contacts(robot).tolist())
-        turning = add(cross(w_dot, (0.0, 0.0, 1.0)), cross(w, cross(w, (0.0, 0.0, 1.0))))
-        force = add(
-            (P.weighed * v_dot[0], P.weighed * v_dot[1], robot.weight), scale(rotate(a.R, turning), P.ml)
-        )
+        contacts = pack_contacts(robot).tolist()
+        moments, presses, force = forces_at_contacts(P, a, w, (v_dot, w_dot), net, contacts)
         load, top, normal = wheel_load(robot), robot.drive.top_speed, force[2] / robot.weight
         curve = [
             FALLING_PART * motor / limits.torque + speed / top

@@ -50,7 +50,16 @@ AHEAD = MOTOR + 4
 ANGLE = AHEAD + 4
 LOAD = ANGLE + 4  #: torques that load the wheels themselves [N m]
 PASSED = LOAD + 4  #: torques that the gears pass on, and the forces at the other contacts
-SCRATCH = PASSED + 7  #: results of a step's parts for its later parts
+#: of contacts that may slip (`engine/slip.py`): how fast the wheels turn beyond rolling [rad/s] and the ball's lowest
+#: point moves over the floor [m/s]; the friction coefficients of wheels and floor, 0 where nothing slips; weight of the
+#: body less what pushes it [N]; a row of `pack_contacts`; the floor's load [N]; the step of a lane in which one slips
+SLIP = PASSED + 7
+GRIP = SLIP + 6
+BODY = GRIP + 2
+PRESSING = BODY + 3
+FLOOR = PRESSING + 30
+SLIDES = FLOOR + 1
+SCRATCH = SLIDES + 1  #: results of a step's parts for its later parts
 ROWS = SCRATCH + 177  # as many as `play_block` needs with four wheels and a ball that pivots
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples

@@ -28,7 +28,9 @@ from ballbot.mechanics.contacts import (
     of_boxes,
     parted,
     responses,
+    wheel_side,
 )
+from ballbot.mechanics.driveline import braked, through_play
 from ballbot.mechanics.engine.compiled import c_code, inlined
 from ballbot.mechanics.engine.convex import less_response
 from ballbot.mechanics.engine.lanes import (
@@ -44,6 +46,7 @@ from ballbot.mechanics.engine.lanes import (
     STATE,
     STEP,
     TORQUE,
+    TRIAL,
     entry,
     load,
     put,
@@ -51,11 +54,12 @@ from ballbot.mechanics.engine.lanes import (
     state_like,
     stored,
 )
+from ballbot.mechanics.engine.slip import mark_slips, slip_steps
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upright
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, each, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude, solve
-from ballbot.mechanics.friction import NO_TERMS, OwnWheel, Wheel, dry_friction, friction_shift
+from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis
 
 _SWEEPS = 100
@@ -89,18 +93,6 @@ _MOVED = _SPEED + MAX_WHEELS
 _CHANGES = _MOVED + 1  # of each force by the last sweep
 _RATIO = _CHANGES + 7  # of these changes to those of the sweep before
 assert _RATIO < ROWS  # compiled code does not look whether a row is in the array
-
-
-@traced
-def wheel_side(P, rotor):
-    """Return the robot beyond its gears: without rotors and their friction, which is on the motor's side."""
-    bare = (
-        wheel._replace(b=0.0, coulomb_asymmetry=0.0, factor=0.0)
-        if isinstance(wheel, OwnWheel)
-        else Wheel(wheel.axle, 0.0, 0.0, 0.0, NO_TERMS, 1.0, 1.0)
-        for wheel in P.wheels
-    )
-    return P._replace(d1=P.d1 - rotor, d2=P.d2 - rotor, d3=P.d3 - rotor, wheels=tuple(bare))
 
 
 @traced
@@ -155,30 +147,12 @@ def _motors(selected, work, width):
             inertia, beyond = rotor + h * wheel.b, h / entry(work, _G + (count + 1) * i, lane)
             put(work, _MOMENTUM + i, lane, momentum)
             put(work, _DRY + i, lane, dry)
-            put(work, _ALONE + i, lane, _braked(momentum, dry) / inertia)
+            put(work, _ALONE + i, lane, braked(momentum, dry) / inertia)
             put(work, _LOW + i, lane, (-half - ahead) * rate)
             put(work, _HIGH + i, lane, (half - ahead) * rate)
             put(work, _WHEEL + i, lane, beyond)
             put(work, _TOGETHER + i, lane, 1.0 / (inertia + beyond))
         put(work, _RATE, lane, rate)
-
-
-def _braked(momentum, dry):
-    """Return a momentum less the part that dry friction takes."""
-    return momentum - least(greatest(momentum, -dry), dry)
-
-
-@traced
-def through_play(free, rate, momentum, dry, alone, low, high, wheel, together):
-    """Return the torque from a motor to its wheel, which would turn at speed `free` without it, and the motor's speed.
-
-    In contact at the stop with relative speed c, the wheel's inertia being j: m rho = N - h T + friction and
-    rho = free + h T / j + c.
-    """
-    relative = least(greatest(alone - free, low), high)
-    speed = _braked(momentum + (relative + free) * wheel, dry) * together
-    touches = relative != alone - free
-    return where(touches, ((speed - relative - free) * wheel * rate, speed), (0.0, alone))
 
 
 @traced
@@ -268,15 +242,28 @@ def _start_from_last_forces(selected, work, width):
             put(work, _SPEEDS + i, lane, entry(work, _SPEEDS + i, lane) + by)
 
 
+def _velocities(selected, work, lane):
+    """Return (v, w) at a step's end under the forces found."""
+    contacts, velocities = _contacts_like(selected), state_like(selected)[5:]
+    forces = restored(contacts, work, PASSED, lane)
+    Y = restored((velocities,) * len(contacts), work, _Y, lane)
+    return parted(less_response(restored(velocities, work, _FREE, lane), Y, forces, -entry(work, STEP, lane)))
+
+
+@traced
+def _trials(selected, work, width):
+    """Leave the velocities in the trial rows."""
+    for lane in lanes(0, width):
+        v, w = _velocities(selected, work, lane)
+        stored(work, TRIAL + 5, lane, v[:2] + w + v[2:])
+
+
 @traced
 def _ends(selected, work, width):
     """Make the velocities under the forces found the state; past the largest lean a lane stays where it is."""
     for lane in lanes(0, width):
         state, h = restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
-        contacts, velocities = _contacts_like(selected), state_like(selected)[5:]
-        forces = restored(contacts, work, PASSED, lane)
-        Y = restored((velocities,) * len(contacts), work, _Y, lane)
-        v, w = parted(less_response(restored(velocities, work, _FREE, lane), Y, forces, -h))
+        v, w = _velocities(selected, work, lane)
         a = balancing_attitude((state[2], state[3], state[4]))
         middle = half_turned(selected, state, a, scale(add(body_velocity(state), w), 0.5), h)
         end = finished(selected, state, middle, v, w, h)
@@ -293,13 +280,13 @@ def _ends(selected, work, width):
             put(work, ANGLE + i, lane, entry(work, ANGLE + i, lane) + turned)
 
 
-def play_code_of(selected: Exact | Thesis | Pivoting) -> int:
-    """Return the address of the code for `play_block`; the first call compiles, or reads what was compiled."""
-    return _play_code_of(selected, type(selected))
+def play_code_of(selected: Exact | Thesis | Pivoting, *, slips: bool = False) -> int:
+    """Return the address of the code for `play_block`, as `run.code_of` does of that for `take_steps`."""
+    return _play_code_of(selected, type(selected), slips)
 
 
 @cache
-def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
+def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type, slips: bool) -> int:
     # tuples with the same numbers are equal, whatever their kind
     @c_code("void(CPointer(float64), int64)")
     def address(work, width):
@@ -313,7 +300,12 @@ def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
             _sweep(selected, work, width)
             if sweep % 3 == 2 and sweep < _EXTRAPOLATED:
                 _extrapolate(selected, work, width)
+        if slips:
+            _trials(selected, work, width)
+            mark_slips(selected, work, width)
         _ends(selected, work, width)
+        if slips:
+            slip_steps(selected, work, width)
 
     return address
 

@@ -24,7 +24,9 @@ from ballbot.mechanics.engine.lanes import (
     LANES,
     MARGIN,
     ROBOT,
+    ROTOR,
     ROWS,
+    SLIDES,
     STATE,
     STEP,
     TORQUE,
@@ -39,6 +41,7 @@ from ballbot.mechanics.engine.lanes import (
     stored,
     swap,
 )
+from ballbot.mechanics.engine.slip import mark_slips, slip_steps
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
 from ballbot.mechanics.engine.tracing import both, lanes, outside, traced, where
 from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
@@ -57,16 +60,18 @@ def load_torques(selected, work, lane):
     return restored(selected.wheels, work, TORQUE, lane)
 
 
-def code_of(selected: Exact | Thesis | Pivoting) -> int:
+def code_of(selected: Exact | Thesis | Pivoting, *, slips: bool = False) -> int:
     """Return the address of a kind of robot's code for `take_steps`; the first call compiles, or reads what is kept.
+
+    With `slips` contacts slip beyond their grip.
 
     Within the loops that call it, it would be optimised and assembled again with every one of them.
     """
-    return _code_of(selected, type(selected))
+    return _code_of(selected, type(selected), slips)
 
 
 @cache
-def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
+def _code_of(selected: Exact | Thesis | Pivoting, kind: type, slips: bool) -> int:
     # tuples with the same numbers are equal, whatever their kind
     @c_code("void(CPointer(float64), int64, int64)")
     def address(work, width, steps):
@@ -74,14 +79,18 @@ def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
             begin_steps(selected, work, width)
             resting = _count_open(work, 0, width)
             if resting > 0:
-                _sort(selected, work, width)
+                _sort(selected, work, width, SLIDES if slips else ROTOR)
             if resting < width:
                 smooth_block(selected, work, _whole_groups(width - resting, width))
             for first in range(0, width, GROUP):
                 last = min(first + GROUP, width)
                 if _count_open(work, first, last) > 0:
                     convex_block(selected, work, first, last)
+            if slips:
+                mark_slips(selected, work, width)
             _accept(selected, work, width)
+            if slips:
+                slip_steps(selected, work, width)
 
     return address
 
@@ -112,8 +121,8 @@ def _is_open(work, lane):
 
 
 @inlined
-def _sort(selected, work, width):
-    """Bring the open lanes to the end."""
+def _sort(selected, work, width, end):
+    """Bring the open lanes to the end; a lane's rows from `TORQUE` to before `end` are its robot's."""
     last = width
     for lane in range(width):
         if lane < last and _is_open(work, lane):
@@ -121,16 +130,16 @@ def _sort(selected, work, width):
             while lane < last and _is_open(work, last):
                 last -= 1
             if lane < last:
-                _swap_lanes(selected, work, lane, last)
+                _swap_lanes(selected, work, lane, last, end)
 
 
 @inlined
-def _swap_lanes(selected, work, first, second):
+def _swap_lanes(selected, work, first, second, end):
     for row in range(row_size(selected)):
         swap(work, row, first, second)
     for row in range(STATE, STATE + 11):
         swap(work, row, first, second)
-    for row in range(TORQUE, ROBOT + 1):
+    for row in range(TORQUE, end):
         swap(work, row, first, second)
     for row in range(SINES, SPEEDS + 4):
         swap(work, row, first, second)
