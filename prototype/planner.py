@@ -18,6 +18,7 @@ class Settings:
     margin: float = 0.1
     speed: float = 2.0
     reversal: float = 0.1  # time of a full reversal of torque [s]
+    creep: float = 0.9  # of the last plan's way beyond the wall that is allowed
     q: float = 1.0  # of position
     q_v: float = 0.0  # of velocity
     q_d: float = 0.002  # of changes of a
@@ -72,7 +73,7 @@ def matrices(num, st, h_0):
             E, m0, m1 = Es[k], m0s[k], m1s[k]
             xp[k] = E * xp[k + 1] + m1 * a[k] + m0 * a[k + 1]
         s2, s3 = 0.5 * (xp + xm), 0.5 * p * (xp - xm)
-        return xp[0], w[1:] + s3[1:] / p**2, W[1:] + (1 / p**2 - off) * s2[1:]
+        return xp[0], w[1:] + s3[1:] / p**2, W[1:] + (1 / p**2 - off) * s2[1:], W[1:] + s2[1:] / p**2
 
     # of z0 (3), a_0, a_1..a_(N-1)
     cols = []
@@ -82,12 +83,12 @@ def matrices(num, st, h_0):
             z[j] = 1.0
         else:
             a[j - 3] = 1.0
-        c, v, y = response(z, a)
-        cols.append(np.concatenate([[c], v, y]))
+        c, v, y, f = response(z, a)
+        cols.append(np.concatenate([[c], v, y, f]))
     R = np.array(cols).T
     c = R[0, 4:].copy()
     c0 = R[0, :4].copy()
-    V, Y = R[1 : 1 + N], R[1 + N :]
+    V, Y, F = R[1 : 1 + N], R[1 + N : 1 + 2 * N], R[1 + 2 * N :]
     Y = Y.copy()
     D = np.eye(N)[:, : N - 1] - np.eye(N, k=-1)[:, : N - 1]  # rows a_(k+1) - a_k, k = 0 .. N-1
     D0 = np.zeros((N, 4)); D0[0, 3] = -1.0
@@ -98,10 +99,10 @@ def matrices(num, st, h_0):
     C0 = np.vstack([np.zeros((n, 4)), D0, V[:, :4], Yw[:, :4]])
     groups = np.array([W_A] * n + [W_D] * N + [W_V] * N + [W_Y] * N)
     rho = np.array(st.rho)[groups]
-    Gy, Gv = Y[:, 4:], V[:, 4:]
+    Gy, Gv = F[:, 4:], V[:, 4:]
     scale = st.h
     P = scale * (st.q * Gy.T @ Gy + st.q_v * Gv.T @ Gv) + st.q_d * D.T @ D
-    P0 = scale * (st.q * Gy.T @ Y[:, :4] + st.q_v * Gv.T @ V[:, :4]) + st.q_d * D.T @ D0
+    P0 = scale * (st.q * Gy.T @ F[:, :4] + st.q_v * Gv.T @ V[:, :4]) + st.q_d * D.T @ D0
     Q = scale * st.q * Gy.T  # times -target
     Qv = scale * st.q_v * Gv.T
     K = cho_factor(P + C.T @ (rho[:, None] * C))
@@ -222,10 +223,10 @@ class OnLine:
             return self.advance()
         now = self.change + 0.046875 * self.bend
         speed = np.hypot(*now)
-        prompt = max(0.0, min(1.0, (1.5 - speed / st.prompt) / 0.5))
+        prompt = max(0.0, min(1.0, (1.5 - max(speed, np.hypot(*self.motion()[1])) / st.prompt) / 0.5))
         t = st.h * np.arange(1, N + 1)[:, None] - dt * self.since
         tb = np.minimum(t, 0.6)
-        target = r + prompt * (now * t + self.bend * (tb * t - 0.5 * tb * tb))
+        target = r + prompt * (now * t + self.bend * (tb * t - 0.5 * tb * tb + num["off"] * (t < 0.6)))
         tvel = prompt * (now + self.bend * tb) + 0.0 * t
         s, v = self.motion()[:2]
         away = r - s
@@ -238,7 +239,8 @@ class OnLine:
         d = d / size if size > 1e-4 else np.zeros(2)
         wall = r + prompt * (now * t) + d * (0.3 * prompt if speed > 0.02 else 0.0) + 0.0 * t
         yk = m["C"][3 * N - 1 :] @ self.a.T + m["C0"][3 * N - 1 :] @ self.z.T
-        ahead = np.maximum(wall @ d, (yk @ d).max() + 1e-4)  # what the last plan needs is never forbidden
+        ahead = wall @ d
+        ahead += st.creep * max(0.0, (yk @ d - ahead).max())  # most of what the last plan needs is allowed
         wall = ahead[:, None] * d
         # wheel friction along the last plan
         ca, sa = math.cos(psi), math.sin(psi)
