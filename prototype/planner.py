@@ -23,7 +23,7 @@ class Settings:
     q_v: float = 0.0  # of velocity
     q_d: float = 0.002  # of changes of a
     rho: tuple = (0.1, 0.1, 0.1, 10.0)
-    soft: tuple = (1.0, 1.0, 1.0, 0.98)
+    soft: tuple = (1.0, 1.0, 1.0, 0.05)  # largest forces of the limits
     iterations: int = 10
     alpha: float = 1.6
     prompt: float = 0.3
@@ -115,62 +115,70 @@ def matrices(num, st, h_0):
 
 @njit(cache=True)
 def solve(z0, b, target, tvel, wall, d, walled, lo, hi, vmax, dmax, first, B, ca, sa,
-          c0, C, C0, rho, P0, Q, Qv, M, m, zz, uu, a, iterations, alpha, soft):
+          c0, C, C0, rho, P0, Q, Qv, M, m, zz, uu, zw, uw, a, iterations, alpha, soft):
     """ADMM for both axes (2,): z0 (2,4), b = xp_0 (2,), target (N,2); lo, hi (n, N) of wheel torques.
 
-    zz, uu: (rows, 2) warm started; a (2, N-1). The a rows are projected wheel by wheel (tight frame).
+    zz, uu: (rows, 2) of the other limits, zw, uw (N-1, wheels) of the torques, warm started; a (2, N-1). B (wheels, 2)
+    is a tight frame: B' B = I.
     """
     n, rows, wheels = a.shape[1], C.shape[0], B.shape[0]
     g0 = np.empty((2, n))
-    for j in range(2):
-        g0[j] = P0 @ z0[j] - Q @ target[:, j] - Qv @ tvel[:, j]
     off = np.empty((rows, 2))
     for j in range(2):
+        g0[j] = P0 @ z0[j] - Q @ np.ascontiguousarray(target[:, j]) - Qv @ np.ascontiguousarray(tvel[:, j])
         off[:, j] = C0 @ z0[j]
     bb = np.array([b[0] - c0 @ z0[0], b[1] - c0 @ z0[1]])
+    F = np.empty((wheels, 2))
+    for w in range(wheels):
+        F[w, 0], F[w, 1] = ca * B[w, 0] - sa * B[w, 1], sa * B[w, 0] + ca * B[w, 1]
     worst = 0.0
+    r = np.empty(rows)
+    cx = np.empty((rows, 2))
     for it in range(iterations):
-        cx = np.empty((rows, 2))
         for j in range(2):
-            r = rho * (zz[:, j] - uu[:, j] - off[:, j])
+            for i in range(rows):
+                r[i] = rho[i] * (zz[i, j] - uu[i, j] - off[i, j])
+            for i in range(n):
+                r[i] = 0.0
+                for w in range(wheels):
+                    r[i] += rho[i] * F[w, j] * (zw[i, w] - uw[i, w])
             a[j] = M @ (C.T @ r - g0[j]) + m * bb[j]
             cx[:, j] = C @ a[j] + off[:, j]
         worst = 0.0
-        for i in range(rows):
+        for i in range(n):
+            for w in range(wheels):
+                f = F[w, 0] * a[0, i] + F[w, 1] * a[1, i]
+                t = alpha * f + (1 - alpha) * zw[i, w] + uw[i, w]
+                z = min(max(t, lo[w, i + 1]), hi[w, i + 1])
+                most = soft[0] / rho[i]
+                z = t - min(max(t - z, -most), most)
+                worst = max(worst, abs(z - f))
+                uw[i, w], zw[i, w] = t - z, z
+        for i in range(n, rows):
             x0, x1 = cx[i, 0], cx[i, 1]
             h0, h1 = alpha * x0 + (1 - alpha) * zz[i, 0], alpha * x1 + (1 - alpha) * zz[i, 1]
             t0, t1 = h0 + uu[i, 0], h1 + uu[i, 1]
-            n0, n1 = t0, t1
-            if i < n:  # hexagon of the wheels: cyclic projections
-                for _ in range(3):
-                    for w in range(wheels):
-                        b0, b1 = ca * B[w, 0] - sa * B[w, 1], sa * B[w, 0] + ca * B[w, 1]
-                        f = b0 * n0 + b1 * n1
-                        over = 0.0
-                        if f > hi[w, i + 1]:
-                            over = f - hi[w, i + 1]
-                        elif f < lo[w, i + 1]:
-                            over = f - lo[w, i + 1]
-                        if over != 0.0:
-                            bb2 = b0 * b0 + b1 * b1
-                            n0 -= over * b0 / bb2
-                            n1 -= over * b1 / bb2
-            elif i < 2 * n + 1:
+            n0, n1, force = t0, t1, soft[1]
+            if i < 2 * n + 1:
                 s = math.sqrt(t0 * t0 + t1 * t1)
                 most = dmax * first if i == n else dmax
                 if s > most:
                     n0, n1 = t0 * most / s, t1 * most / s
             elif i < 3 * n + 2:
                 s = math.sqrt(t0 * t0 + t1 * t1)
+                force = soft[2]
                 if s > vmax:
                     n0, n1 = t0 * vmax / s, t1 * vmax / s
             elif walled:
                 k = i - (3 * n + 2)
+                force = soft[3]
                 over = (t0 - wall[k, 0]) * d[0] + (t1 - wall[k, 1]) * d[1]
                 if over > 0.0:
                     n0 -= over * d[0]
                     n1 -= over * d[1]
-            n0, n1 = t0 + soft[i] * (n0 - t0), t1 + soft[i] * (n1 - t1)
+            g = math.sqrt((t0 - n0) ** 2 + (t1 - n1) ** 2) * rho[i]
+            if g > force:  # an exact penalty: its force is bounded
+                n0, n1 = t0 + force / g * (n0 - t0), t1 + force / g * (n1 - t1)
             uu[i, 0], uu[i, 1] = t0 - n0, t1 - n1
             zz[i, 0], zz[i, 1] = n0, n1
             worst = max(worst, abs(n0 - x0), abs(n1 - x1))
@@ -194,7 +202,9 @@ class OnLine:
         self.dmax = 2.0 * self.amax * st.h / st.reversal
         self.change, self.bend, self.last = np.zeros(2), np.zeros(2), None
         self.fr = (num["visc"], num["coul"], num["J"])
-        self.soft = np.array(st.soft)[np.array([0] * (N - 1) + [1] * N + [2] * N + [3] * N)]
+        self.soft = np.array(st.soft)
+        self.size = math.sqrt(float(np.trace(B.T @ B)) / 2.0)  # B / size is a tight frame
+        self.zw, self.uw = np.zeros((N - 1, len(B))), np.zeros((N - 1, len(B)))
         self.worst = 0.0
 
     def motion(self):
@@ -239,7 +249,7 @@ class OnLine:
         d = d / size if size > 1e-4 else np.zeros(2)
         wall = r + prompt * (now * t) + d * (0.3 * prompt if speed > 0.02 else 0.0) + 0.0 * t
         yk = m["C"][3 * N - 1 :] @ self.a.T + m["C0"][3 * N - 1 :] @ self.z.T
-        ahead = wall @ d
+        ahead = wall @ d; self.dbg = (d.round(2).tolist(), bool(walled), round(float((yk @ d - ahead).max()), 4))
         ahead += st.creep * max(0.0, (yk @ d - ahead).max())  # most of what the last plan needs is allowed
         wall = ahead[:, None] * d
         # wheel friction along the last plan
@@ -249,9 +259,9 @@ class OnLine:
         w = J @ vk.T
         fric = num["visc"][:, None] * w + num["coul"][:, None] * np.tanh(w / 0.5)
         hi, lo = num["limit"][:, None] - fric, -num["limit"][:, None] - fric
-        self.worst = solve(self.z, self.xp, target, tvel, wall, d, walled, lo, hi, st.speed, self.dmax, 1.0 - dt * self.since / st.h, num["B"], ca, sa,
+        self.worst = solve(self.z, self.xp, target, tvel, wall, d, walled, lo / self.size, hi / self.size, st.speed, self.dmax, 1.0 - dt * self.since / st.h, num["B"] / self.size, ca, sa,
                            m["c0"], m["C"], m["C0"], m["rho"], m["P0"], m["Q"], m["Qv"], m["M"], m["m"],
-                           self.zz, self.uu, self.a, st.iterations, st.alpha, self.soft)
+                           self.zz, self.uu, self.zw, self.uw, self.a, st.iterations, st.alpha, self.soft)
         return self.advance()
 
     def advance(self):
@@ -277,6 +287,9 @@ class OnLine:
             for M_ in (self.zz, self.uu):
                 for lo_, hi_ in ((0, n), (n, 2 * n + 1), (2 * n + 1, 3 * n + 2), (3 * n + 2, 4 * n + 3)):
                     M_[lo_ : hi_ - 1] = M_[lo_ + 1 : hi_].copy()
+            for M_ in (self.zw, self.uw):
+                M_[:-1] = M_[1:].copy()
+                M_[-1] = 0.0
             self.zz[n - 1] = self.uu[n - 1] = 0.0
             self.zz[2 * n] = self.uu[2 * n] = 0.0
         return out
