@@ -7,26 +7,27 @@ import numpy as np
 from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 
-N = 24  # knots
 W_A, W_D, W_V, W_Y = 0, 1, 2, 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
+    knots: int = 24
     h: float = 0.08  # between knots [s]
     every: int = 4  # samples from plan to plan
     margin: float = 0.1
     speed: float = 2.0
     reversal: float = 0.1  # time of a full reversal of torque [s]
-    creep: float = 0.9  # of the last plan's way beyond the wall that is allowed
+    creep: float = 0.5  # of the last plan's way beyond the wall that is allowed
     q: float = 1.0  # of position
     q_v: float = 0.0  # of velocity
-    q_d: float = 0.002  # of changes of a
-    rho: tuple = (0.1, 0.1, 0.1, 10.0)
+    q_d: float = 1e-5  # of changes of a
+    rho: tuple = (0.004, 0.0015, 0.015, 0.1)
     soft: tuple = (1.0, 1.0, 1.0, 0.05)  # largest forces of the limits
     iterations: int = 10
     alpha: float = 1.6
     prompt: float = 0.3
+    bends: float = 1.5  # for which the reference goes on to bend [s]
     far: float = 2.0
     tail: float = 0.6  # way per speed that is left at the horizon's end [s]
 
@@ -53,7 +54,7 @@ def robot_numbers(robot, controller, settings):
 
 def matrices(num, st, h_0):
     """Return the QP's constant matrices; the unknowns are a_1 .. a_(N-1) of an axis; a_N = 0."""
-    p, off = num["p"], num["off"]
+    p, off, N = num["p"], num["off"], st.knots
     hs = np.full(N, st.h)
     hs[0] = h_0
     # xm_(k+1) = E xm_k + m0 a_k + m1 a_(k+1)
@@ -190,6 +191,7 @@ class OnLine:
 
     def __init__(self, num, st):
         self.num, self.st = num, st
+        N = st.knots
         per = round(st.h / num["dt"])
         self.tables = {k: matrices(num, st, st.h - k * num["dt"]) for k in range(0, per, st.every)}
         self.since, self.per = 0, per
@@ -202,7 +204,7 @@ class OnLine:
         self.dmax = 2.0 * self.amax * st.h / st.reversal
         self.change, self.bend, self.last = np.zeros(2), np.zeros(2), None
         self.fr = (num["visc"], num["coul"], num["J"])
-        self.soft = np.array(st.soft)
+        self.soft = np.array(st.soft) * self.amax / 1.45
         self.size = math.sqrt(float(np.trace(B.T @ B)) / 2.0)  # B / size is a tight frame
         self.zw, self.uw = np.zeros((N - 1, len(B))), np.zeros((N - 1, len(B)))
         self.worst = 0.0
@@ -215,6 +217,7 @@ class OnLine:
 
     def step(self, r, psi=0.0):
         st, num, dt = self.st, self.num, self.num["dt"]
+        N = st.knots
         m = self.tables.get(self.since)
         if self.last is None:
             self.last = r.copy()
@@ -235,8 +238,8 @@ class OnLine:
         speed = np.hypot(*now)
         prompt = max(0.0, min(1.0, (1.5 - max(speed, np.hypot(*self.motion()[1])) / st.prompt) / 0.5))
         t = st.h * np.arange(1, N + 1)[:, None] - dt * self.since
-        tb = np.minimum(t, 0.6)
-        target = r + prompt * (now * t + self.bend * (tb * t - 0.5 * tb * tb + num["off"] * (t < 0.6)))
+        tb = np.minimum(t, st.bends)
+        target = r + prompt * (now * t + self.bend * (tb * t - 0.5 * tb * tb + num["off"] * (t < st.bends)))
         tvel = prompt * (now + self.bend * tb) + 0.0 * t
         s, v = self.motion()[:2]
         away = r - s
@@ -283,7 +286,7 @@ class OnLine:
             self.since = 0
             self.a[:, :-1] = self.a[:, 1:].copy()
             self.a[:, -1] = 0.0
-            n = N - 1
+            n = self.st.knots - 1
             for M_ in (self.zz, self.uu):
                 for lo_, hi_ in ((0, n), (n, 2 * n + 1), (2 * n + 1, 3 * n + 2), (3 * n + 2, 4 * n + 3)):
                     M_[lo_ : hi_ - 1] = M_[lo_ + 1 : hi_].copy()
