@@ -27,7 +27,7 @@ class Settings:
     iterations: int = 10
     alpha: float = 1.6
     prompt: float = 0.3
-    bends: float = 1.5  # for which the reference goes on to bend [s]
+    bends: float = 1.0  # for which the reference goes on to bend [s]
     far: float = 2.0
     tail: float = 0.6  # way per speed that is left at the horizon's end [s]
 
@@ -44,7 +44,9 @@ def robot_numbers(robot, controller, settings):
     fr = robot.friction
     visc = np.broadcast_to(np.asarray(fr.viscous, float), (n,)).copy()
     coul = np.broadcast_to(np.asarray(fr.coulomb, float), (n,)).copy()
-    limit = (1.0 - settings.margin) * controller.torque_limit * np.ones(n)
+    from ballbot.control.controller import grip_torque_limit
+
+    limit = (1.0 - settings.margin) * min(controller.torque_limit, grip_torque_limit(robot)) * np.ones(n)
     return dict(
         p=p, off=float(f["offset"][0, 0]), B=B2.copy(), J=np.ascontiguousarray(J), visc=visc, coul=coul,
         limit=limit, pull=f["pull"].copy(), lean=f["lean"].copy(), C=f["offset"].copy(), kappa=float(f["rolling"]),
@@ -229,7 +231,7 @@ class OnLine:
         if np.hypot(*dr) > 1.001 * st.speed:
             dr = np.zeros(2)
         nn = dr - self.change
-        counts = max(0.0, min(1.0, 2.0 - 2.0 * late * np.hypot(*nn) / dt / self.amax))
+        counts = max(0.0, min(1.0, 2.0 - 2.0 * late * np.hypot(*nn) / dt / (0.35 * self.amax)))
         self.bend = self.bend + late * (counts * late / dt * nn - self.bend)
         self.change = self.change + late * nn
         if m is None:
