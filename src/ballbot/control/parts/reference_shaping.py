@@ -178,6 +178,27 @@ def shape(law, memory, pose, ahead, wanted):
 
 
 @inlined
+def shape_heading(law, memory, pose, ahead, wanted):
+    """Return the shaped heading, relative to the measured one, and advance the memory."""
+    own, state = law.shaping, memory.shaping
+    if state.started == 0:
+        _start(state, Pose(pose.x, pose.y, pose.psi + ahead.state.psi), wanted)
+    heading = _Limits(
+        own.yaw_frequency,
+        own.yaw_decay,
+        own.yaw_gone,
+        own.yaw_frequency / own.rate,
+        own.yaw_rate,
+        own.yaw_acceleration,
+        own.yaw_prompt,
+        0.0,
+    )
+    turn = Pair(wanted.psi - state.followed[2] - state.followed_rest[2], 0.0)
+    _keep(state, _place_of(state), _moved(own, heading, _turn_of(state), Pair(wanted.psi, 0.0), turn))
+    return _lagged(heading, state, 2, state.velocity[2] / own.rate, pose.psi)
+
+
+@inlined
 def _left(law, memory, a):
     """Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them."""
     own, sums, most = memory.shaping, memory.integral.sums, 0.0
