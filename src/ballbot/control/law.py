@@ -40,7 +40,7 @@ from ballbot.control.parts.part import (
     heading_frame,
     turned_state,
 )
-from ballbot.control.parts.planner import plan, plan_gently, restart_planner
+from ballbot.control.parts.planner import plan_gently, plan_motion, restart_planner
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
@@ -136,7 +136,7 @@ def _followed(law, memory, pose, ahead, reference, wanted):
     if law.shaping.on == 0:
         return FollowedMotion(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
     if law.planner.on == 1:
-        return plan(law, memory, pose, ahead, wanted)
+        return plan_motion(law, memory, pose, ahead, wanted)
     return shape(law, memory, pose, ahead, wanted)
 
 

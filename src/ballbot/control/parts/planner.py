@@ -183,7 +183,7 @@ class _Wall(NamedTuple):
 
 
 @inlined
-def plan(law, memory, pose, ahead, wanted):
+def plan_motion(law, memory, pose, ahead, wanted):
     """Return the motion to a pose, relative to the measured one, and advance the memory."""
     own, state = law.planner, memory.planner
     if state.started == 0:
@@ -292,7 +292,7 @@ def _solve(own, state, phase, a, away):
         _see(own, state, phase, j, state.none, state.free_v, state.free_y)
     _resist(own, state, a)
     wall = _begin(own, state, phase, away)
-    for _ in range(_STEPS):
+    for turn in range(_STEPS):  # noqa: B007 (C has no loop without a name)
         for j in range(2):
             _pull(own, state, phase, j)
             _step(own, state, phase, j)
@@ -345,13 +345,13 @@ def _begin(own, state, phase, away):
     distance = (r.x * r.x + r.y * r.y) ** 0.5
     near = min(1.0, own.far / max(distance, own.far))
     for j in range(2):
-        place = near * (r.x if j == 0 else r.y)
+        near_place = near * (r.x if j == 0 else r.y)
         rate, bend = prompt * (now.x if j == 0 else now.y), prompt * state.bend[j]
         W = -0.5 * own.square * (state.lead[j] + state.lag[j])
         for k in range(_FREE):
             by, of = own.by_start[phase, k], own.by_reference[phase, k]
             start = by[0] * W + by[1] * state.motion[j] + by[2] * state.lag[j] + by[3] * state.now[j]
-            state.start[j, k] = start - of[0] * place - of[1] * rate - of[2] * bend
+            state.start[j, k] = start - of[0] * near_place - of[1] * rate - of[2] * bend
     to = Pair(r.x + _TURNS * v.x, r.y + _TURNS * v.y)
     size = (to.x * to.x + to.y * to.y) ** 0.5
     if prompt == 1.0 and speed > _STILL_SPEED or size < _NEAR:
@@ -430,8 +430,8 @@ def _limit(own, state, phase, wall):
             state.now[1] if k == 0 else state.a[1, k - 1],
         )
         change = own.change * own.interval[phase] / own.interval[PHASES] if k == 0 else own.change
-        step = Pair(state.a[0, k] - before_x, state.a[1, k] - before_y)
-        _limit_length(state.change, state.change_z, k, step, change, own.force[_CHANGE] / own.weight[_CHANGE])
+        changed = Pair(state.a[0, k] - before_x, state.a[1, k] - before_y)
+        _limit_length(state.change, state.change_z, k, changed, change, own.force[_CHANGE] / own.weight[_CHANGE])
         v = Pair(state.v[k, 0], state.v[k, 1])
         _limit_length(state.speed, state.speed_z, k, v, own.speed, own.force[_SPEED] / own.weight[_SPEED])
         t_x = state.way[k, 0] + _OVER * (state.y[k, 0] - state.way_z[k, 0])

@@ -194,7 +194,9 @@ def shape_heading(law, memory, pose, ahead, wanted):
         0.0,
     )
     turn = Pair(wanted.psi - state.followed[2] - state.followed_rest[2], 0.0)
-    _keep(state, _place_of(state), _moved(own, heading, _turn_of(state), Pair(wanted.psi, 0.0), turn))
+    place, turn_before = _place_of(state), _turn_of(state)
+    turn_after = _moved(own, heading, turn_before, Pair(wanted.psi, 0.0), turn)
+    _keep(state, place, turn_after)
     return _lagged(heading, state, 2, state.velocity[2] / own.rate, pose.psi)
 
 

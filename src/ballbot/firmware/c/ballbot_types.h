@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "6206b78e68c6e29d211c62e91052ee96617194750d6f3531d3fe867b2d28c21a"
+#define BALLBOT_SCHEMA_DIGEST "a28ef78774a349df8d7e8484db6bac7e6b6e669b2c5f2f95bb71f0b770dd283b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1644607374, 1757864605, 555508457, 273870486, 1634833525, 225391921, 1409189499, 757645850 }
+#define BALLBOT_SCHEMA_WORDS { 579794823, 1956858335, 226395268, 1533783166, 1802397339, 744435605, 997322935, 1893541947 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -94,6 +94,41 @@ struct ballbot_shaping_record {
     float late; /* [1] */
 };
 typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 17u * sizeof(float)) ? 1 : -1];
+
+/* The sampled planner. */
+struct ballbot_planner_record {
+    int32_t on;
+    int32_t every;
+    int32_t wheels;
+    float rate; /* [1/s] */
+    float falling; /* [1/s] */
+    float square; /* [s^2] */
+    float ball; /* [s^2] */
+    float interval[5]; /* [s] */
+    float kept[5]; /* [1] */
+    float early[5]; /* [1] */
+    float late[5]; /* [1] */
+    float sample[3]; /* [1] */
+    float inverse[BALLBOT_MAX_WHEELS][23][23]; /* [1] */
+    float by_lead[BALLBOT_MAX_WHEELS][23]; /* [1] */
+    float by_start[BALLBOT_MAX_WHEELS][23][4]; /* [1] */
+    float by_reference[BALLBOT_MAX_WHEELS][23][3]; /* [1] */
+    float frame[BALLBOT_MAX_WHEELS][2]; /* [1] */
+    float rolling[BALLBOT_MAX_WHEELS][2]; /* [rad/m] */
+    float most; /* [m/s^2] */
+    float viscous[BALLBOT_MAX_WHEELS]; /* [m/(s rad)] */
+    float dry[BALLBOT_MAX_WHEELS]; /* [m/s^2] */
+    float torque; /* [1/(kg m)] */
+    float weight[BALLBOT_MAX_WHEELS]; /* [1] */
+    float force[BALLBOT_MAX_WHEELS]; /* [1] */
+    float change; /* [m/s^2] */
+    float speed; /* [m/s] */
+    float prompt; /* [m/s] */
+    float far; /* [m] */
+    float delay; /* [s] */
+    float late_reference; /* [1] */
+};
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2922u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -188,6 +223,7 @@ struct ballbot_law {
     struct ballbot_compensation_record compensation;
     struct ballbot_tuning_record tuning;
     struct ballbot_shaping_record shaping;
+    struct ballbot_planner_record planner;
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
     struct ballbot_observer_record disturbance_observer;
@@ -196,7 +232,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1420u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4342u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -249,7 +285,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1522u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4444u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -345,6 +381,45 @@ struct ballbot_shaping_state {
 };
 typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 44u * sizeof(float)) ? 1 : -1];
 
+/* The plan, its rows and what the solver works with; places are relative to s. */
+struct ballbot_planner_state {
+    int32_t started;
+    int32_t since;
+    float place[2]; /* [m] */
+    float place_rest[2]; /* [m] */
+    float motion[2]; /* [m/s] */
+    float lag[2]; /* [m/s^2] */
+    float lead[2]; /* [m/s^2] */
+    float now[2]; /* [m/s^2] */
+    float a[2][24]; /* [m/s^2] */
+    float torque[24][4]; /* [m/s^2] */
+    float torque_z[24][4]; /* [m/s^2] */
+    float change[24][2]; /* [m/s^2] */
+    float change_z[24][2]; /* [m/s^2] */
+    float speed[24][2]; /* [m/s] */
+    float speed_z[24][2]; /* [m/s] */
+    float way[24][2]; /* [m] */
+    float way_z[24][2]; /* [m] */
+    float last[2]; /* [m] */
+    float reference[2]; /* [m/s] */
+    float bend[2]; /* [m/s^2] */
+    float lost[BALLBOT_MAX_WHEELS]; /* [N m] */
+    float catching; /* [1] */
+    float v[24][2]; /* [m/s] */
+    float y[24][2]; /* [m] */
+    float free_v[24][2]; /* [m/s] */
+    float free_y[24][2]; /* [m] */
+    float none[2][24]; /* [m/s^2] */
+    float start[2][23]; /* [1] */
+    float pull[24]; /* [1] */
+    float ahead[24]; /* [m/s^2] */
+    float force_v[24]; /* [1] */
+    float force_y[24]; /* [1] */
+    float drag[24][4]; /* [m/s^2] */
+    float frame[BALLBOT_MAX_WHEELS][2]; /* [1] */
+};
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1039u * sizeof(float)) ? 1 : -1];
+
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
     int32_t started;
@@ -403,6 +478,7 @@ struct ballbot_memory {
     struct ballbot_heading_memory reference_heading;
     struct ballbot_tuning_state tuning;
     struct ballbot_shaping_state shaping;
+    struct ballbot_planner_state planner;
     struct ballbot_feed_forward_state feed_forward;
     struct ballbot_integral_state integral;
     struct ballbot_observer_state disturbance_observer;
@@ -411,7 +487,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 556u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1595u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -458,7 +534,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 883u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1922u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -1,0 +1,535 @@
+/* Generated from ballbot/control/parts/planner.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
+ *
+ * The planner: the motion of x and y is planned on line, within the limits of the motors, from where the plan is.
+ *
+ * s is the flat output (ballbot.control.parts.feed_forward). Along each axis the motors give
+ *
+ *     a = s'' - s''''/p^2        W = s - s''/p^2        W'' = a        s'' = (b + f)/2        s''' = p (b - f)/2
+ *     f' = -p (f - a)            b' = p (b - a)         the ball's place  y = W + (1/p^2 - c) s''
+ *
+ * with c the offset of s from the ball. f runs forward in time, b backward from zero at the horizon's end: where b is now
+ * is one linear condition on a, which takes the place of a long horizon. a is linear between KNOTS knots, which stay
+ * where they are in time; every few samples the plan is made again from where it has come to:
+ *
+ *     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
+ *     each wheel's torque, less its friction and the lasting disturbances, within its limit
+ *     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
+ *
+ * The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
+ * (What the last plan needs beyond the wall, it is given half of.) A reference that moves faster than the prompt speed may
+ * stop at any time: it is planned to end where it is now. A slower one is followed without delay.
+ *
+ * The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, each a
+ * product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the scaled
+ * multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
+ * kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence both axes
+ * have the same matrix, whatever the heading.
+ */
+#include "parts/steps.h"
+
+/* knots of the horizon, and plans from one to the next */
+#define KNOTS 24
+/* rounding by which a motion at the limit of speed may exceed it */
+#define ROUNDING 0.001f
+/* fraction of the largest acceleration up to which a reference's bend counts */
+#define BEND 0.34375f
+/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
+#define LASTING 1.0f
+/* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
+#define STILL 2e-06f
+#define STILL_SPEED 1e-05f
+/* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
+#define STILL_FORCE 1e-04f
+/* knots of the horizon, and plans from one to the next */
+#define PHASES 4
+/* way per speed in which the motion ends beyond the horizon [s] */
+#define TAIL 0.625f
+/* unknowns of an axis: the last knot is at rest */
+#define FREE 23
+/* wheel speed over which friction turns from one sign to the other [rad/s] */
+#define CREEPING 0.5f
+/* lag of r' and r'' [s] */
+#define LAG 0.046875f
+/* ratio of the speeds at which a reference is followed as one that may stop, and as one that goes on */
+#define FAST 1.5f
+/* time that a motion takes to turn, by which the wall's direction looks ahead [s] */
+#define TURNS 0.75f
+/* distance over which the wall has a direction, and how far it is from a reference that moves slowly [m] */
+#define NEAR 0.01f
+/* distance over which the wall has a direction, and how far it is from a reference that moves slowly [m] */
+#define CLEAR 0.25f
+/* part of the way beyond the wall that the next plan is given */
+#define GIVEN 0.5f
+/* steps of the solver */
+#define STEPS 10
+#define SPEED 2
+/* the rows' weights and largest forces: torque, change, speed, wall */
+#define WALL 3
+#define CHANGE 1
+/* the rows' weights and largest forces: torque, change, speed, wall */
+#define TORQUE 0
+/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
+#define LEAST_LEFT 0.25f
+/* over-relaxation */
+#define OVER 1.625f
+
+/* A wall that the ball does not pass. */
+struct wall {
+    struct ballbot_pair d; /* its direction, zero without a wall */
+    float place; /* along it [m] */
+    float going; /* its speed along it [m/s] */
+};
+
+/* Let the plan be at rest at a place. */
+static void rest(struct ballbot_planner_state *state, float x, float y)
+{
+    state->place[0] = x;
+    state->place[1] = y;
+    for (int32_t j = 0; j < 2; ++j) {
+        state->place_rest[j] = 0.0f;
+        state->motion[j] = 0.0f;
+        state->lag[j] = 0.0f;
+        state->lead[j] = 0.0f;
+        state->now[j] = 0.0f;
+        for (int32_t k = 0; k < KNOTS; ++k) {
+            state->a[j][k] = 0.0f;
+            state->change[k][j] = 0.0f;
+            state->change_z[k][j] = 0.0f;
+            state->speed[k][j] = 0.0f;
+            state->speed_z[k][j] = 0.0f;
+            state->way[k][j] = 0.0f;
+            state->way_z[k][j] = 0.0f;
+        }
+    }
+    for (int32_t k = 0; k < KNOTS; ++k) {
+        for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+            state->torque[k][i] = 0.0f;
+            state->torque_z[k][i] = 0.0f;
+        }
+    }
+    state->started = 1;
+    state->since = 0;
+}
+
+/* Let the planner go on from a pose at rest: a plan, which is followed without it, ends there. */
+void ballbot_restart_planner(struct ballbot_memory *memory, struct ballbot_pose wanted)
+{
+    struct ballbot_planner_state *own = &memory->planner;
+
+    rest(own, wanted.x, wanted.y);
+    for (int32_t j = 0; j < 2; ++j) {
+        own->reference[j] = 0.0f;
+        own->bend[j] = 0.0f;
+    }
+    own->last[0] = wanted.x;
+    own->last[1] = wanted.y;
+}
+
+/* Filter r' and r''; a jump has no velocity, and r'' counts up to a part of the limit. */
+static void notice(const struct ballbot_planner_record *own, struct ballbot_planner_state *state,
+        struct ballbot_pose wanted)
+{
+    const float d_x = wanted.x - state->last[0];
+    const float d_y = wanted.y - state->last[1];
+    const float moved = own->rate * ballbot_square_root(d_x * d_x + d_y * d_y);
+    const float rate = (moved <= (1.0f + ROUNDING) * own->speed) ? own->rate : 0.0f;
+    const struct ballbot_pair n = { rate * d_x - state->reference[0], rate * d_y - state->reference[1] };
+    const float bent = own->late_reference * own->rate * ballbot_square_root(n.x * n.x + n.y * n.y);
+    const float counts = ballbot_larger(0.0f, ballbot_smaller(1.0f, 2.0f - 2.0f * bent / (BEND * own->most)));
+    const float scale = counts * own->late_reference * own->rate;
+
+    state->bend[0] += own->late_reference * (scale * n.x - state->bend[0]);
+    state->bend[1] += own->late_reference * (scale * n.y - state->bend[1]);
+    state->reference[0] += own->late_reference * n.x;
+    state->reference[1] += own->late_reference * n.y;
+    state->last[0] = wanted.x;
+    state->last[1] = wanted.y;
+}
+
+/* Follow the torques against lasting disturbances, and how the robot catches itself. */
+static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
+{
+    struct ballbot_planner_state *own = &memory->planner;
+    const float *sums = memory->integral.sums;
+    const float share = 1.0f / (LASTING * law->planner.rate + 1.0f);
+    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
+
+    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        const float *gain = law->integral.gain[i];
+        const float *more = memory->tuning.integral[i];
+        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
+        const float lost = memory->disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2];
+
+        own->lost[i] += share * (lost - own->lost[i]);
+    }
+    own->catching -= share * own->catching;
+}
+
+/* Return whether plan and reference are at rest at one place. */
+static bool is_still(const struct ballbot_planner_record *own, const struct ballbot_planner_state *state,
+        struct ballbot_pair away)
+{
+    bool still = ballbot_magnitude(away.x) < STILL && ballbot_magnitude(away.y) < STILL;
+
+    for (int32_t j = 0; j < 2; ++j) {
+        still = still && ballbot_magnitude(state->motion[j]) < STILL_SPEED
+            && ballbot_magnitude(state->lag[j]) < STILL_FORCE;
+        still = still && ballbot_magnitude(state->lead[j]) < STILL_FORCE
+            && ballbot_magnitude(state->now[j]) < STILL_FORCE;
+        still = still && ballbot_magnitude(state->reference[j]) < STILL_SPEED;
+    }
+    return still;
+}
+
+/* Fill the velocities and the ball's places at the knots for an axis's a. */
+static void see(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        int32_t j, const float inputs[2][24], float v[24][2], float y[24][2])
+{
+    const float *a = inputs[j];
+    float *lead = state->ahead;
+    const float p = own->falling;
+
+    lead[KNOTS - 1] = 0.0f;
+    for (int32_t k = KNOTS - 2; k > -1; --k) {
+        lead[k] = own->kept[PHASES] * lead[k + 1] + own->late[PHASES] * a[k] + own->early[PHASES] * a[k + 1];
+    }
+    float w = state->motion[j];
+    float lag = state->lag[j];
+    float before = state->now[j];
+    float W = -0.5f * own->square * (state->lead[j] + lag);
+
+    for (int32_t k = 0; k < KNOTS; ++k) {
+        const int32_t at = (k == 0) ? phase : PHASES;
+        const float h = own->interval[at];
+
+        W += h * (w + h * (2.0f * before + a[k]) / 6.0f);
+        w += 0.5f * h * (before + a[k]);
+        lag = own->kept[at] * lag + own->early[at] * before + own->late[at] * a[k];
+        before = a[k];
+        v[k][j] = w + 0.5f * (lead[k] - lag) / p;
+        y[k][j] = W + 0.5f * own->ball * (lead[k] + lag);
+    }
+    y[KNOTS - 1][j] += TAIL * v[KNOTS - 1][j];
+}
+
+/* Fill what friction and lasting disturbances take of the wheels' torques along the last plan. */
+static void resist(const struct ballbot_planner_record *own, struct ballbot_planner_state *state,
+        struct ballbot_heading_frame a)
+{
+    for (int32_t k = 0; k < FREE; ++k) {
+        const struct ballbot_pair v = ballbot_turned(a, state->v[k][0], state->v[k][1]);
+
+        for (int32_t i = 0; i < own->wheels; ++i) {
+            const float speed = own->rolling[i][0] * v.x + own->rolling[i][1] * v.y;
+            const float dry = own->dry[i] * speed / ballbot_square_root(speed * speed + CREEPING * CREEPING);
+
+            state->drag[k][i] = own->viscous[i] * speed + dry + own->torque * state->lost[i];
+        }
+    }
+}
+
+/* Return s'. */
+static float speed_of(const struct ballbot_planner_record *own, const struct ballbot_planner_state *state, int32_t j)
+{
+    return state->motion[j] + 0.5f * (state->lead[j] - state->lag[j]) / own->falling;
+}
+
+/* Fill the pulls of the start and of the reference, and return the wall. */
+static struct wall begin(const struct ballbot_planner_record *own, struct ballbot_planner_state *state,
+        int32_t phase, struct ballbot_pair away)
+{
+    const struct ballbot_pair now = { state->reference[0] + LAG * state->bend[0],
+        state->reference[1] + LAG * state->bend[1] };
+    const float speed = ballbot_square_root(now.x * now.x + now.y * now.y);
+    const struct ballbot_pair v = { speed_of(own, state, 0), speed_of(own, state, 1) };
+    const float fastest = ballbot_larger(speed, ballbot_square_root(v.x * v.x + v.y * v.y));
+    const float prompt = ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - fastest / own->prompt) / (FAST - 1.0f)));
+    const float ahead = prompt * own->delay;
+    const struct ballbot_pair r = { away.x + ahead * now.x, away.y + ahead * now.y };
+    const float distance = ballbot_square_root(r.x * r.x + r.y * r.y);
+    const float near = ballbot_smaller(1.0f, own->far / ballbot_larger(distance, own->far));
+
+    for (int32_t j = 0; j < 2; ++j) {
+        const float near_place = near * ((j == 0) ? r.x : r.y);
+        const float rate = prompt * ((j == 0) ? now.x : now.y);
+        const float bend = prompt * state->bend[j];
+        const float W = -0.5f * own->square * (state->lead[j] + state->lag[j]);
+
+        for (int32_t k = 0; k < FREE; ++k) {
+            const float *by = own->by_start[phase][k];
+            const float *of = own->by_reference[phase][k];
+            const float start = by[0] * W + by[1] * state->motion[j] + by[2] * state->lag[j] + by[3] * state->now[j];
+
+            state->start[j][k] = start - of[0] * near_place - of[1] * rate - of[2] * bend;
+        }
+    }
+    const struct ballbot_pair to = { r.x + TURNS * v.x, r.y + TURNS * v.y };
+    const float size = ballbot_square_root(to.x * to.x + to.y * to.y);
+
+    if ((prompt == 1.0f && speed > STILL_SPEED) || size < NEAR) {
+        return (struct wall){ (struct ballbot_pair){ 0.0f, 0.0f }, 0.0f, 0.0f };
+    }
+    const struct ballbot_pair d = { to.x / size, to.y / size };
+    const float place = r.x * d.x + r.y * d.y;
+    float beyond = 0.0f;
+
+    for (int32_t k = 0; k < KNOTS; ++k) {
+        beyond = ballbot_larger(beyond, state->y[k][0] * d.x + state->y[k][1] * d.y - place);
+    }
+    const float clear = (speed > STILL_SPEED) ? CLEAR * prompt : 0.0f;
+
+    return (struct wall){ d, place + ballbot_larger(clear, GIVEN * beyond), prompt * (now.x * d.x + now.y * d.y) };
+}
+
+/* Fill what the rows and the costs pull at an axis's a. */
+static void pull(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        int32_t j)
+{
+    const float p = own->falling;
+    const float *weight = own->weight;
+    float *pull = state->pull;
+
+    for (int32_t k = 0; k < KNOTS; ++k) {
+        state->force_v[k] = weight[SPEED] * (2.0f * state->speed_z[k][j] - state->speed[k][j] - state->free_v[k][j]);
+        state->force_y[k] = weight[WALL] * (2.0f * state->way_z[k][j] - state->way[k][j] - state->free_y[k][j]);
+    }
+    state->force_v[KNOTS - 1] += TAIL * state->force_y[KNOTS - 1];
+    const float h = own->interval[PHASES];
+    float W = 0.0f;
+    float w = 0.0f;
+    float lag = 0.0f;
+
+    for (int32_t k = KNOTS - 1; k > -1; --k) {
+        const int32_t at = (k == 0) ? phase : PHASES;
+        const float first = own->interval[at];
+        const float held = h * (0.5f * w + h * W / 3.0f) + own->early[PHASES] * lag;
+
+        w += state->force_v[k] + h * W;
+        W += state->force_y[k];
+        lag = own->kept[PHASES] * lag + 0.5f * (own->ball * state->force_y[k] - state->force_v[k] / p);
+        pull[k] = held + first * (0.5f * w + first * W / 6.0f) + own->late[at] * lag;
+    }
+    float lead = 0.0f;
+
+    for (int32_t k = 0; k < FREE; ++k) {
+        const float before = lead;
+
+        lead = own->kept[PHASES] * lead + 0.5f * (own->ball * state->force_y[k] + state->force_v[k] / p);
+        pull[k] += own->late[PHASES] * lead + own->early[PHASES] * before - state->start[j][k];
+        const float start = (k == 0) ? state->now[j] : 0.0f;
+        float changes = 2.0f * state->change_z[k][j] - state->change[k][j] + start;
+
+        changes += state->change[k + 1][j] - 2.0f * state->change_z[k + 1][j];
+        float torques = 0.0f;
+
+        for (int32_t i = 0; i < own->wheels; ++i) {
+            torques += state->frame[i][j] * (2.0f * state->torque_z[k][i] - state->torque[k][i]);
+        }
+        pull[k] += weight[CHANGE] * changes + weight[TORQUE] * torques;
+    }
+}
+
+/* Solve for an axis's a. */
+static void step(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        int32_t j)
+{
+    const float needs = state->lead[j] - own->late[phase] * state->now[j];
+
+    for (int32_t k = 0; k < FREE; ++k) {
+        const float *row = own->inverse[phase][k];
+        float a = own->by_lead[phase][k] * needs;
+
+        for (int32_t m = 0; m < FREE; ++m) {
+            a += row[m] * state->pull[m];
+        }
+        state->a[j][k] = a;
+    }
+}
+
+/* Step a row of vectors whose length is limited. */
+static void limit_length(float row[24][2], float z[24][2], int32_t k, struct ballbot_pair given, float most,
+        float bound)
+{
+    const float t_x = row[k][0] + OVER * (given.x - z[k][0]);
+    const float t_y = row[k][1] + OVER * (given.y - z[k][1]);
+    const float size = ballbot_square_root(t_x * t_x + t_y * t_y);
+    const float share = (size > most) ? ballbot_smaller(size - most, bound) / size : 0.0f;
+
+    row[k][0] = t_x;
+    row[k][1] = t_y;
+    z[k][0] = t_x - share * t_x;
+    z[k][1] = t_y - share * t_y;
+}
+
+/* Step the rows, and find what the limits allow of them. */
+static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        struct wall wall)
+{
+    const float most = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching);
+
+    for (int32_t k = 0; k < FREE; ++k) {
+        for (int32_t i = 0; i < own->wheels; ++i) {
+            const float torque = state->frame[i][0] * state->a[0][k] + state->frame[i][1] * state->a[1][k];
+            const float t = state->torque[k][i] + OVER * (torque - state->torque_z[k][i]);
+            const float least = -most - state->drag[k][i];
+            float over = t - ballbot_larger(least, ballbot_smaller(least + 2.0f * most, t));
+            const float bound = own->force[TORQUE] / own->weight[TORQUE];
+
+            state->torque[k][i] = t;
+            state->torque_z[k][i] = t - ballbot_larger(-bound, ballbot_smaller(bound, over));
+        }
+    }
+    for (int32_t k = 0; k < KNOTS; ++k) {
+        const float before_x = (k == 0) ? state->now[0] : state->a[0][k - 1];
+        const float before_y = (k == 0) ? state->now[1] : state->a[1][k - 1];
+        const float change = (k == 0) ? own->change * own->interval[phase] / own->interval[PHASES] : own->change;
+        const struct ballbot_pair changed = { state->a[0][k] - before_x, state->a[1][k] - before_y };
+
+        limit_length(state->change, state->change_z, k, changed, change, own->force[CHANGE] / own->weight[CHANGE]);
+        const struct ballbot_pair v = { state->v[k][0], state->v[k][1] };
+
+        limit_length(state->speed, state->speed_z, k, v, own->speed, own->force[SPEED] / own->weight[SPEED]);
+        const float t_x = state->way[k][0] + OVER * (state->y[k][0] - state->way_z[k][0]);
+        const float t_y = state->way[k][1] + OVER * (state->y[k][1] - state->way_z[k][1]);
+        const float later = own->interval[phase] + own->interval[PHASES] * (float)k;
+
+        over = ballbot_larger(0.0f, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going);
+        over = ballbot_smaller(over, own->force[WALL] / own->weight[WALL]);
+        state->way[k][0] = t_x;
+        state->way[k][1] = t_y;
+        state->way_z[k][0] = t_x - over * wall.d.x;
+        state->way_z[k][1] = t_y - over * wall.d.y;
+    }
+}
+
+/* Make the plan again, from the last one. */
+static void solve(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        struct ballbot_heading_frame a, struct ballbot_pair away)
+{
+    for (int32_t i = 0; i < own->wheels; ++i) {
+        const struct ballbot_pair world = ballbot_turned_back(a, own->frame[i][0], own->frame[i][1]);
+
+        state->frame[i][0] = world.x;
+        state->frame[i][1] = world.y;
+    }
+    for (int32_t j = 0; j < 2; ++j) {
+        see(own, state, phase, j, state->a, state->v, state->y);
+        see(own, state, phase, j, state->none, state->free_v, state->free_y);
+    }
+    resist(own, state, a);
+    const struct wall wall = begin(own, state, phase, away);
+
+    for (int32_t turn = 0; turn < STEPS; ++turn) {
+        for (int32_t j = 0; j < 2; ++j) {
+            pull(own, state, phase, j);
+            step(own, state, phase, j);
+            see(own, state, phase, j, state->a, state->v, state->y);
+        }
+        limit(own, state, phase, wall);
+    }
+}
+
+/* Return an axis's motion now, relative to the pose. */
+static struct ballbot_smooth_reference motion(const struct ballbot_planner_record *own,
+        const struct ballbot_planner_state *state, int32_t j, float pose)
+{
+    const float p = own->falling;
+    const float second = 0.5f * (state->lead[j] + state->lag[j]);
+    const float third = 0.5f * p * (state->lead[j] - state->lag[j]);
+
+    return (struct ballbot_smooth_reference){ state->place[j] - pose + state->place_rest[j], speed_of(own, state, j),
+        second, third, p * p * (second - state->now[j]) };
+}
+
+/* Begin the interval after the next knot. */
+static void pass_knot(struct ballbot_planner_state *state)
+{
+    state->since = 0;
+    for (int32_t k = 0; k < FREE; ++k) {
+        for (int32_t j = 0; j < 2; ++j) {
+            state->a[j][k] = state->a[j][k + 1];
+            state->change[k][j] = state->change[k + 1][j];
+            state->change_z[k][j] = state->change_z[k + 1][j];
+            state->speed[k][j] = state->speed[k + 1][j];
+            state->speed_z[k][j] = state->speed_z[k + 1][j];
+            state->way[k][j] = state->way[k + 1][j];
+            state->way_z[k][j] = state->way_z[k + 1][j];
+        }
+        for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+            state->torque[k][i] = state->torque[k + 1][i];
+            state->torque_z[k][i] = state->torque_z[k + 1][i];
+        }
+    }
+    for (int32_t j = 0; j < 2; ++j) {
+        state->change[FREE][j] = 0.0f;
+        state->change_z[FREE][j] = 0.0f;
+    }
+}
+
+/* Let a sample pass; after a knot, the next one is the first. */
+static void advance(const struct ballbot_planner_record *own, struct ballbot_planner_state *state)
+{
+    const float dt = 1.0f / own->rate;
+    const int32_t left = PHASES * own->every - state->since;
+
+    for (int32_t j = 0; j < 2; ++j) {
+        const float before = state->now[j];
+        const float after = before + (state->a[j][0] - before) / (float)left;
+        const float second = 0.5f * (state->lead[j] + state->lag[j]);
+        float moved = dt * (state->motion[j] + dt * (2.0f * before + after) / 6.0f);
+
+        state->motion[j] += 0.5f * dt * (before + after);
+        state->lag[j] = own->sample[0] * state->lag[j] + own->sample[1] * before + own->sample[2] * after;
+        state->lead[j] = (state->lead[j] - own->sample[2] * before - own->sample[1] * after) / own->sample[0];
+        state->now[j] = after;
+        moved += own->square * (0.5f * (state->lead[j] + state->lag[j]) - second);
+        ballbot_add(&state->place[j], &state->place_rest[j], moved);
+        for (int32_t k = 0; k < KNOTS; ++k) {
+            state->way[k][j] -= moved;
+            state->way_z[k][j] -= moved;
+        }
+    }
+    state->since += 1;
+    if (left == 1) {
+        pass_knot(state);
+    }
+}
+
+/* Return the motion to a pose, relative to the measured one, and advance the memory. */
+struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law, struct ballbot_memory *memory,
+        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted)
+{
+    const struct ballbot_planner_record *own = &law->planner;
+    struct ballbot_planner_state *state = &memory->planner;
+
+    if (state->started == 0) {
+        rest(state, pose.x + ahead->state.x, pose.y + ahead->state.y);
+        state->last[0] = wanted.x;
+        state->last[1] = wanted.y;
+    }
+    notice(own, state, wanted);
+    lose(law, memory, ahead->a);
+    const struct ballbot_pair away = { wanted.x - state->place[0] - state->place_rest[0],
+        wanted.y - state->place[1] - state->place_rest[1] };
+    const int32_t phase = state->since / own->every;
+
+    if (phase * own->every == state->since) {
+        if (is_still(own, state, away)) {
+            rest(state, wanted.x, wanted.y);
+        } else {
+            solve(own, state, phase, ahead->a, away);
+        }
+    }
+    const struct ballbot_smooth_reference x = motion(own, state, 0, pose.x);
+    const struct ballbot_smooth_reference y = motion(own, state, 1, pose.y);
+
+    advance(own, state);
+    return (struct ballbot_followed_motion){ x, y, ballbot_shape_heading(law, memory, pose, ahead, wanted) };
+}
+
+/* Leave motions the least torque: the robot needs its torque to catch itself. */
+void ballbot_plan_gently(struct ballbot_memory *memory)
+{
+    memory->planner.catching = 1.0f;
+}
