@@ -79,8 +79,10 @@ _LASTING, _LEAST_LEFT = 1.0, 0.25
 _CREEPING = 0.5
 #: plan at rest: way [m], speed [m/s], acceleration [m/s^2]
 _STILL, _STILL_SPEED, _STILL_FORCE = 2e-6, 1e-5, 1e-4
-#: distance over which the wall has a direction, and how far it is from a reference that moves slowly [m]
-_NEAR, _CLEAR = 0.01, 0.25
+#: distance over which the wall has a direction [m]
+_NEAR = 0.01
+#: time in which a reference that was fast counts as slow again [s]
+_HEDGED = 1.0
 #: the rows' weights and largest forces: torque, change, speed, wall
 _TORQUE, _CHANGE, _SPEED, _WALL = 0, 1, 2, 3
 
@@ -159,6 +161,8 @@ class PlannerState:
     #: torque of each wheel against lasting disturbances, and 1 while the robot catches itself
     lost: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     catching: float = field(metadata=number("1"))
+    #: how far the reference is taken as one that may stop, from 0 to 1
+    hedge: float = field(metadata=number("1"))
     #: work: velocities and places of the plan and without it, pulls, b at the knots, friction, frame in the world
     v: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
     y: NDArray[np.float64] = field(metadata=number("m", KNOTS, 2))
@@ -212,6 +216,7 @@ def restart_planner(memory, wanted):
     _rest(own, wanted.x, wanted.y)
     for j in range(2):
         own.reference[j], own.bend[j] = 0.0, 0.0
+    own.hedge = 0.0
     own.last[0], own.last[1] = wanted.x, wanted.y
 
 
@@ -338,8 +343,9 @@ def _begin(own, state, phase, away):
     now = Pair(state.reference[0] + _LAG * state.bend[0], state.reference[1] + _LAG * state.bend[1])
     speed = (now.x * now.x + now.y * now.y) ** 0.5
     v = Pair(_speed_of(own, state, 0), _speed_of(own, state, 1))
-    fastest = max(speed, (v.x * v.x + v.y * v.y) ** 0.5)
-    prompt = max(0.0, min(1.0, (_FAST - fastest / own.prompt) / (_FAST - 1.0)))
+    fast = max(0.0, min(1.0, (speed / own.prompt - 1.0) / (_FAST - 1.0)))
+    state.hedge = max(fast, state.hedge - own.every / (_HEDGED * own.rate))
+    prompt = 1.0 - state.hedge
     ahead = prompt * own.delay
     r = Pair(away.x + ahead * now.x, away.y + ahead * now.y)
     distance = (r.x * r.x + r.y * r.y) ** 0.5
@@ -352,16 +358,16 @@ def _begin(own, state, phase, away):
             by, of = own.by_start[phase, k], own.by_reference[phase, k]
             start = by[0] * W + by[1] * state.motion[j] + by[2] * state.lag[j] + by[3] * state.now[j]
             state.start[j, k] = start - of[0] * near_place - of[1] * rate - of[2] * bend
-    to = Pair(r.x + _TURNS * v.x, r.y + _TURNS * v.y)
+    to = Pair(r.x + _TURNS * (v.x - prompt * now.x), r.y + _TURNS * (v.y - prompt * now.y))
     size = (to.x * to.x + to.y * to.y) ** 0.5
-    if prompt == 1.0 and speed > _STILL_SPEED or size < _NEAR:
+    if size < _NEAR:
         return _Wall(Pair(0.0, 0.0), 0.0, 0.0)
     d = Pair(to.x / size, to.y / size)
-    place, beyond = r.x * d.x + r.y * d.y, 0.0
+    place, going, beyond = r.x * d.x + r.y * d.y, prompt * (now.x * d.x + now.y * d.y), 0.0
     for k in range(KNOTS):
-        beyond = max(beyond, state.y[k, 0] * d.x + state.y[k, 1] * d.y - place)
-    clear = _CLEAR * prompt if speed > _STILL_SPEED else 0.0
-    return _Wall(d, place + max(clear, _GIVEN * beyond), prompt * (now.x * d.x + now.y * d.y))
+        later = own.interval[phase] + own.interval[PHASES] * k
+        beyond = max(beyond, state.y[k, 0] * d.x + state.y[k, 1] * d.y - place - later * going)
+    return _Wall(d, place + _GIVEN * beyond, going)
 
 
 @inlined
@@ -621,7 +627,7 @@ class Planner(Part):
             most=self.torque_limit / size,
             viscous=np.asarray(robot.friction.viscous) / size,
             dry=np.asarray(robot.friction.coulomb) / size,
-            torque=1.0 / size,
+            torque=float(__import__("os").environ.get("PL_LOST", "1")) / size,
             weight=np.array(_WEIGHTS),
             force=largest * np.array(_FORCES),
             change=2.0 * largest * interval / _REVERSAL,
