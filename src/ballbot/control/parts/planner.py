@@ -38,6 +38,7 @@ from ballbot.control.parts.part import (
     Pair,
     Part,
     SmoothReference,
+    heading_frame_after,
     turned,
     turned_back,
 )
@@ -83,6 +84,8 @@ _STILL, _STILL_SPEED, _STILL_FORCE = 2e-6, 1e-5, 1e-4
 _NEAR = 0.01
 #: time in which a reference that was fast counts as slow again [s]
 _HEDGED = 1.0
+#: rate [rad/s] and angle [rad] from which the heading turns
+_TURNING = 0.01
 #: the rows' weights and largest forces: torque, change, speed, wall
 _TORQUE, _CHANGE, _SPEED, _WALL = 0, 1, 2, 3
 
@@ -112,12 +115,14 @@ class PlannerRecord:
     by_lead: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE))
     by_start: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 4))
     by_reference: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 3))
-    #: torques of the wheels in a tight frame for a, and with it their limit, viscous and dry friction, and 1 N m
+    #: torques of the wheels in a tight frame for a, and with it their limit, friction (the wheels' mean: one with
+    #: less would have the robot go aside), what turning needs, and 1 N m
     frame: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS, 2))
     rolling: NDArray[np.float64] = field(metadata=number("rad/m", MAX_WHEELS, 2))
     most: float = field(metadata=number("m/s^2"))
-    viscous: NDArray[np.float64] = field(metadata=number("m/(s rad)", MAX_WHEELS))
-    dry: NDArray[np.float64] = field(metadata=number("m/s^2", MAX_WHEELS))
+    viscous: float = field(metadata=number("m/(s rad)"))
+    dry: float = field(metadata=number("m/s^2"))
+    turning: float = field(metadata=number("m/s^2"))
     torque: float = field(metadata=number("1/(kg m)"))
     weight: NDArray[np.float64] = field(metadata=number("1", 4))
     force: NDArray[np.float64] = field(metadata=number("1", 4))
@@ -161,6 +166,8 @@ class PlannerState:
     #: torque of each wheel against lasting disturbances, and 1 while the robot catches itself
     lost: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     catching: float = field(metadata=number("1"))
+    #: torque that is left for motions, of the tight frame
+    most: float = field(metadata=number("m/s^2"))
     #: how far the reference is taken as one that may stop, from 0 to 1
     hedge: float = field(metadata=number("1"))
     #: work: velocities and places of the plan and without it, pulls, b at the knots, friction, frame in the world
@@ -175,7 +182,14 @@ class PlannerState:
     force_v: NDArray[np.float64] = field(metadata=number("1", KNOTS))
     force_y: NDArray[np.float64] = field(metadata=number("1", KNOTS))
     drag: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, MAX_WHEELS))
-    frame: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS, 2))
+    frame: NDArray[np.float64] = field(metadata=number("1", KNOTS, MAX_WHEELS, 2))
+
+
+class _Turn(NamedTuple):
+    """How the heading goes on."""
+
+    rate: float  # [rad/s]
+    left: float  # [rad]
 
 
 class _Wall(NamedTuple):
@@ -203,7 +217,12 @@ def plan_motion(law, memory, pose, ahead, wanted):
         if _is_still(own, state, away):
             _rest(state, wanted.x, wanted.y)
         else:
-            _solve(own, state, phase, ahead.a, away)
+            heading = memory.shaping
+            turn = _Turn(heading.velocity[2], wanted.psi - heading.lags[2, 3])
+            moving = abs(turn.rate) > _TURNING or abs(turn.left) > _TURNING
+            most = own.most * max(_LEAST_LEFT, 1.0 - state.catching)
+            state.most = most - (own.turning * law.shaping.yaw_acceleration if moving else 0.0)
+            _solve(own, state, phase, ahead.a, turn, away)
     x, y = _motion(own, state, 0, pose.x), _motion(own, state, 1, pose.y)
     _advance(own, state)
     return FollowedMotion(x, y, shape_heading(law, memory, pose, ahead, wanted))
@@ -287,15 +306,12 @@ def _lose(law, memory, a):
 
 
 @inlined
-def _solve(own, state, phase, a, away):
+def _solve(own, state, phase, a, turn, away):
     """Make the plan again, from the last one."""
-    for i in range(own.wheels):
-        world = turned_back(a, own.frame[i, 0], own.frame[i, 1])
-        state.frame[i, 0], state.frame[i, 1] = world.x, world.y
     for j in range(2):
         _see(own, state, phase, j, state.a, state.v, state.y)
         _see(own, state, phase, j, state.none, state.free_v, state.free_y)
-    _resist(own, state, a)
+    _resist(own, state, phase, a, turn)
     wall = _begin(own, state, phase, away)
     for turn in range(_STEPS):  # noqa: B007 (C has no loop without a name)
         for j in range(2):
@@ -327,14 +343,18 @@ def _see(own, state, phase, j, inputs, v, y):
 
 
 @inlined
-def _resist(own, state, a):
-    """Fill what friction and lasting disturbances take of the wheels' torques along the last plan."""
+def _resist(own, state, phase, a, turn):
+    """Fill the wheels' directions at the knots, and what friction and disturbances take of their torques there."""
     for k in range(_FREE):
-        v = turned(a, state.v[k, 0], state.v[k, 1])
+        later = own.interval[phase] + own.interval[PHASES] * k
+        at = heading_frame_after(a, max(-abs(turn.left), min(abs(turn.left), turn.rate * later)))
+        v = turned(at, state.v[k, 0], state.v[k, 1])
         for i in range(own.wheels):
+            world = turned_back(at, own.frame[i, 0], own.frame[i, 1])
+            state.frame[k, i, 0], state.frame[k, i, 1] = world.x, world.y
             speed = own.rolling[i, 0] * v.x + own.rolling[i, 1] * v.y
-            dry = own.dry[i] * speed / (speed * speed + _CREEPING * _CREEPING) ** 0.5
-            state.drag[k, i] = own.viscous[i] * speed + dry + own.torque * state.lost[i]
+            dry = own.dry * speed / (speed * speed + _CREEPING * _CREEPING) ** 0.5
+            state.drag[k, i] = own.viscous * speed + dry + own.torque * state.lost[i]
 
 
 @inlined
@@ -365,7 +385,7 @@ def _begin(own, state, phase, away):
     d = Pair(to.x / size, to.y / size)
     place, going, beyond = r.x * d.x + r.y * d.y, prompt * (now.x * d.x + now.y * d.y), 0.0
     for k in range(KNOTS):
-        later = own.interval[phase] + own.interval[PHASES] * k
+        later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
         beyond = max(beyond, state.y[k, 0] * d.x + state.y[k, 1] * d.y - place - later * going)
     return _Wall(d, place + _GIVEN * beyond, going)
 
@@ -381,7 +401,9 @@ def _pull(own, state, phase, j):
     """Fill what the rows and the costs pull at an axis's a."""
     p, weight, pull = own.falling, own.weight, state.pull
     for k in range(KNOTS):
-        state.force_v[k] = weight[_SPEED] * (2.0 * state.speed_z[k, j] - state.speed[k, j] - state.free_v[k, j])
+        state.force_v[k] = weight[_SPEED] * (
+            2.0 * state.speed_z[k, j] - state.speed[k, j] - state.free_v[k, j]
+        )
         state.force_y[k] = weight[_WALL] * (2.0 * state.way_z[k, j] - state.way[k, j] - state.free_y[k, j])
     state.force_v[KNOTS - 1] += _TAIL * state.force_y[KNOTS - 1]
     h, W, w, lag = own.interval[PHASES], 0.0, 0.0, 0.0
@@ -403,7 +425,7 @@ def _pull(own, state, phase, j):
         changes += state.change[k + 1, j] - 2.0 * state.change_z[k + 1, j]
         torques = 0.0
         for i in range(own.wheels):
-            torques += state.frame[i, j] * (2.0 * state.torque_z[k, i] - state.torque[k, i])
+            torques += state.frame[k, i, j] * (2.0 * state.torque_z[k, i] - state.torque[k, i])
         pull[k] += weight[_CHANGE] * changes + weight[_TORQUE] * torques
 
 
@@ -421,10 +443,10 @@ def _step(own, state, phase, j):
 @inlined
 def _limit(own, state, phase, wall):
     """Step the rows, and find what the limits allow of them."""
-    most = own.most * max(_LEAST_LEFT, 1.0 - state.catching)
+    most = state.most
     for k in range(_FREE):
         for i in range(own.wheels):
-            torque = state.frame[i, 0] * state.a[0, k] + state.frame[i, 1] * state.a[1, k]
+            torque = state.frame[k, i, 0] * state.a[0, k] + state.frame[k, i, 1] * state.a[1, k]
             t = state.torque[k, i] + _OVER * (torque - state.torque_z[k, i])
             least = -most - state.drag[k, i]
             over = t - max(least, min(least + 2.0 * most, t))
@@ -437,12 +459,14 @@ def _limit(own, state, phase, wall):
         )
         change = own.change * own.interval[phase] / own.interval[PHASES] if k == 0 else own.change
         changed = Pair(state.a[0, k] - before_x, state.a[1, k] - before_y)
-        _limit_length(state.change, state.change_z, k, changed, change, own.force[_CHANGE] / own.weight[_CHANGE])
+        _limit_length(
+            state.change, state.change_z, k, changed, change, own.force[_CHANGE] / own.weight[_CHANGE]
+        )
         v = Pair(state.v[k, 0], state.v[k, 1])
         _limit_length(state.speed, state.speed_z, k, v, own.speed, own.force[_SPEED] / own.weight[_SPEED])
         t_x = state.way[k, 0] + _OVER * (state.y[k, 0] - state.way_z[k, 0])
         t_y = state.way[k, 1] + _OVER * (state.y[k, 1] - state.way_z[k, 1])
-        later = own.interval[phase] + own.interval[PHASES] * k
+        later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
         over = max(0.0, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going)
         over = min(over, own.force[_WALL] / own.weight[_WALL])
         state.way[k, 0], state.way[k, 1] = t_x, t_y
@@ -625,9 +649,10 @@ class Planner(Part):
             frame=needed.by_second / size,
             rolling=frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2],
             most=self.torque_limit / size,
-            viscous=np.asarray(robot.friction.viscous) / size,
-            dry=np.asarray(robot.friction.coulomb) / size,
-            torque=float(__import__("os").environ.get("PL_LOST", "1")) / size,
+            viscous=float(np.mean(robot.friction.viscous)) / size,
+            dry=float(np.mean(robot.friction.coulomb)) / size,
+            turning=float(np.abs(needed.by_turning).max()) / size,
+            torque=1.0 / size,
             weight=np.array(_WEIGHTS),
             force=largest * np.array(_FORCES),
             change=2.0 * largest * interval / _REVERSAL,

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "a28ef78774a349df8d7e8484db6bac7e6b6e669b2c5f2f95bb71f0b770dd283b"
+#define BALLBOT_SCHEMA_DIGEST "43d9fb5e131a20f4de71a50d534800a4df18cb0d9577f5659ec4e018b997149b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 579794823, 1956858335, 226395268, 1533783166, 1802397339, 744435605, 997322935, 1893541947 }
+#define BALLBOT_SCHEMA_WORDS { 1138359134, 320479476, 1584506125, 1397227684, 1595460365, 360183141, 516218904, 966202523 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -116,8 +116,9 @@ struct ballbot_planner_record {
     float frame[BALLBOT_MAX_WHEELS][2]; /* [1] */
     float rolling[BALLBOT_MAX_WHEELS][2]; /* [rad/m] */
     float most; /* [m/s^2] */
-    float viscous[BALLBOT_MAX_WHEELS]; /* [m/(s rad)] */
-    float dry[BALLBOT_MAX_WHEELS]; /* [m/s^2] */
+    float viscous; /* [m/(s rad)] */
+    float dry; /* [m/s^2] */
+    float turning; /* [m/s^2] */
     float torque; /* [1/(kg m)] */
     float weight[BALLBOT_MAX_WHEELS]; /* [1] */
     float force[BALLBOT_MAX_WHEELS]; /* [1] */
@@ -128,7 +129,7 @@ struct ballbot_planner_record {
     float delay; /* [s] */
     float late_reference; /* [1] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2922u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2917u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -232,7 +233,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4342u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4337u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -285,7 +286,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4444u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4439u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -405,6 +406,8 @@ struct ballbot_planner_state {
     float bend[2]; /* [m/s^2] */
     float lost[BALLBOT_MAX_WHEELS]; /* [N m] */
     float catching; /* [1] */
+    float most; /* [m/s^2] */
+    float hedge; /* [1] */
     float v[24][2]; /* [m/s] */
     float y[24][2]; /* [m] */
     float free_v[24][2]; /* [m/s] */
@@ -416,9 +419,9 @@ struct ballbot_planner_state {
     float force_v[24]; /* [1] */
     float force_y[24]; /* [1] */
     float drag[24][4]; /* [m/s^2] */
-    float frame[BALLBOT_MAX_WHEELS][2]; /* [1] */
+    float frame[24][4][2]; /* [1] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1039u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1225u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -487,7 +490,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1595u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1781u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -534,7 +537,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1922u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 2108u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -41,6 +41,10 @@
 #define STILL_SPEED 1e-05f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL_FORCE 1e-04f
+/* rate [rad/s] and angle [rad] from which the heading turns */
+#define TURNING 0.01f
+/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
+#define LEAST_LEFT 0.25f
 /* knots of the horizon, and plans from one to the next */
 #define PHASES 4
 /* way per speed in which the motion ends beyond the horizon [s] */
@@ -53,12 +57,12 @@
 #define LAG 0.046875f
 /* ratio of the speeds at which a reference is followed as one that may stop, and as one that goes on */
 #define FAST 1.5f
+/* time in which a reference that was fast counts as slow again [s] */
+#define HEDGED 1.0f
 /* time that a motion takes to turn, by which the wall's direction looks ahead [s] */
 #define TURNS 0.75f
-/* distance over which the wall has a direction, and how far it is from a reference that moves slowly [m] */
+/* distance over which the wall has a direction [m] */
 #define NEAR 0.01f
-/* distance over which the wall has a direction, and how far it is from a reference that moves slowly [m] */
-#define CLEAR 0.25f
 /* part of the way beyond the wall that the next plan is given */
 #define GIVEN 0.5f
 /* steps of the solver */
@@ -69,10 +73,14 @@
 #define CHANGE 1
 /* the rows' weights and largest forces: torque, change, speed, wall */
 #define TORQUE 0
-/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
-#define LEAST_LEFT 0.25f
 /* over-relaxation */
 #define OVER 1.625f
+
+/* How the heading goes on. */
+struct turn {
+    float rate; /* [rad/s] */
+    float left; /* [rad] */
+};
 
 /* A wall that the ball does not pass. */
 struct wall {
@@ -122,6 +130,7 @@ void ballbot_restart_planner(struct ballbot_memory *memory, struct ballbot_pose 
         own->reference[j] = 0.0f;
         own->bend[j] = 0.0f;
     }
+    own->hedge = 0.0f;
     own->last[0] = wanted.x;
     own->last[1] = wanted.y;
 }
@@ -213,18 +222,26 @@ static void see(const struct ballbot_planner_record *own, struct ballbot_planner
     y[KNOTS - 1][j] += TAIL * v[KNOTS - 1][j];
 }
 
-/* Fill what friction and lasting disturbances take of the wheels' torques along the last plan. */
-static void resist(const struct ballbot_planner_record *own, struct ballbot_planner_state *state,
-        struct ballbot_heading_frame a)
+/* Fill the wheels' directions at the knots, and what friction and disturbances take of their torques there. */
+static void resist(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        struct ballbot_heading_frame a, struct turn turn)
 {
     for (int32_t k = 0; k < FREE; ++k) {
-        const struct ballbot_pair v = ballbot_turned(a, state->v[k][0], state->v[k][1]);
+        const float later = own->interval[phase] + own->interval[PHASES] * (float)k;
+        const struct ballbot_heading_frame at = ballbot_heading_frame_after(a,
+            ballbot_larger(-ballbot_magnitude(turn.left), ballbot_smaller(ballbot_magnitude(turn.left),
+            turn.rate * later)));
+        const struct ballbot_pair v = ballbot_turned(at, state->v[k][0], state->v[k][1]);
 
         for (int32_t i = 0; i < own->wheels; ++i) {
-            const float speed = own->rolling[i][0] * v.x + own->rolling[i][1] * v.y;
-            const float dry = own->dry[i] * speed / ballbot_square_root(speed * speed + CREEPING * CREEPING);
+            const struct ballbot_pair world = ballbot_turned_back(at, own->frame[i][0], own->frame[i][1]);
 
-            state->drag[k][i] = own->viscous[i] * speed + dry + own->torque * state->lost[i];
+            state->frame[k][i][0] = world.x;
+            state->frame[k][i][1] = world.y;
+            const float speed = own->rolling[i][0] * v.x + own->rolling[i][1] * v.y;
+            const float dry = own->dry * speed / ballbot_square_root(speed * speed + CREEPING * CREEPING);
+
+            state->drag[k][i] = own->viscous * speed + dry + own->torque * state->lost[i];
         }
     }
 }
@@ -243,8 +260,10 @@ static struct wall begin(const struct ballbot_planner_record *own, struct ballbo
         state->reference[1] + LAG * state->bend[1] };
     const float speed = ballbot_square_root(now.x * now.x + now.y * now.y);
     const struct ballbot_pair v = { speed_of(own, state, 0), speed_of(own, state, 1) };
-    const float fastest = ballbot_larger(speed, ballbot_square_root(v.x * v.x + v.y * v.y));
-    const float prompt = ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - fastest / own->prompt) / (FAST - 1.0f)));
+    const float fast = ballbot_larger(0.0f, ballbot_smaller(1.0f, (speed / own->prompt - 1.0f) / (FAST - 1.0f)));
+
+    state->hedge = ballbot_larger(fast, state->hedge - (float)own->every / (HEDGED * own->rate));
+    const float prompt = 1.0f - state->hedge;
     const float ahead = prompt * own->delay;
     const struct ballbot_pair r = { away.x + ahead * now.x, away.y + ahead * now.y };
     const float distance = ballbot_square_root(r.x * r.x + r.y * r.y);
@@ -264,22 +283,23 @@ static struct wall begin(const struct ballbot_planner_record *own, struct ballbo
             state->start[j][k] = start - of[0] * near_place - of[1] * rate - of[2] * bend;
         }
     }
-    const struct ballbot_pair to = { r.x + TURNS * v.x, r.y + TURNS * v.y };
+    const struct ballbot_pair to = { r.x + TURNS * (v.x - prompt * now.x), r.y + TURNS * (v.y - prompt * now.y) };
     const float size = ballbot_square_root(to.x * to.x + to.y * to.y);
 
-    if ((prompt == 1.0f && speed > STILL_SPEED) || size < NEAR) {
+    if (size < NEAR) {
         return (struct wall){ (struct ballbot_pair){ 0.0f, 0.0f }, 0.0f, 0.0f };
     }
     const struct ballbot_pair d = { to.x / size, to.y / size };
     const float place = r.x * d.x + r.y * d.y;
+    const float going = prompt * (now.x * d.x + now.y * d.y);
     float beyond = 0.0f;
 
     for (int32_t k = 0; k < KNOTS; ++k) {
-        beyond = ballbot_larger(beyond, state->y[k][0] * d.x + state->y[k][1] * d.y - place);
-    }
-    const float clear = (speed > STILL_SPEED) ? CLEAR * prompt : 0.0f;
+        const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
 
-    return (struct wall){ d, place + ballbot_larger(clear, GIVEN * beyond), prompt * (now.x * d.x + now.y * d.y) };
+        beyond = ballbot_larger(beyond, state->y[k][0] * d.x + state->y[k][1] * d.y - place - later * going);
+    }
+    return (struct wall){ d, place + GIVEN * beyond, going };
 }
 
 /* Fill what the rows and the costs pull at an axis's a. */
@@ -324,7 +344,7 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
         float torques = 0.0f;
 
         for (int32_t i = 0; i < own->wheels; ++i) {
-            torques += state->frame[i][j] * (2.0f * state->torque_z[k][i] - state->torque[k][i]);
+            torques += state->frame[k][i][j] * (2.0f * state->torque_z[k][i] - state->torque[k][i]);
         }
         pull[k] += weight[CHANGE] * changes + weight[TORQUE] * torques;
     }
@@ -366,11 +386,11 @@ static void limit_length(float row[24][2], float z[24][2], int32_t k, struct bal
 static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
         struct wall wall)
 {
-    const float most = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching);
+    const float most = state->most;
 
     for (int32_t k = 0; k < FREE; ++k) {
         for (int32_t i = 0; i < own->wheels; ++i) {
-            const float torque = state->frame[i][0] * state->a[0][k] + state->frame[i][1] * state->a[1][k];
+            const float torque = state->frame[k][i][0] * state->a[0][k] + state->frame[k][i][1] * state->a[1][k];
             const float t = state->torque[k][i] + OVER * (torque - state->torque_z[k][i]);
             const float least = -most - state->drag[k][i];
             float over = t - ballbot_larger(least, ballbot_smaller(least + 2.0f * most, t));
@@ -392,7 +412,7 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
         limit_length(state->speed, state->speed_z, k, v, own->speed, own->force[SPEED] / own->weight[SPEED]);
         const float t_x = state->way[k][0] + OVER * (state->y[k][0] - state->way_z[k][0]);
         const float t_y = state->way[k][1] + OVER * (state->y[k][1] - state->way_z[k][1]);
-        const float later = own->interval[phase] + own->interval[PHASES] * (float)k;
+        const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
 
         over = ballbot_larger(0.0f, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going);
         over = ballbot_smaller(over, own->force[WALL] / own->weight[WALL]);
@@ -405,19 +425,13 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
 
 /* Make the plan again, from the last one. */
 static void solve(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
-        struct ballbot_heading_frame a, struct ballbot_pair away)
+        struct ballbot_heading_frame a, struct turn turn, struct ballbot_pair away)
 {
-    for (int32_t i = 0; i < own->wheels; ++i) {
-        const struct ballbot_pair world = ballbot_turned_back(a, own->frame[i][0], own->frame[i][1]);
-
-        state->frame[i][0] = world.x;
-        state->frame[i][1] = world.y;
-    }
     for (int32_t j = 0; j < 2; ++j) {
         see(own, state, phase, j, state->a, state->v, state->y);
         see(own, state, phase, j, state->none, state->free_v, state->free_y);
     }
-    resist(own, state, a);
+    resist(own, state, phase, a, turn);
     const struct wall wall = begin(own, state, phase, away);
 
     for (int32_t turn = 0; turn < STEPS; ++turn) {
@@ -518,7 +532,13 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
         if (is_still(own, state, away)) {
             rest(state, wanted.x, wanted.y);
         } else {
-            solve(own, state, phase, ahead->a, away);
+            const struct ballbot_shaping_state *heading = &memory->shaping;
+            const struct turn turn = { heading->velocity[2], wanted.psi - heading->lags[2][3] };
+            const bool moving = ballbot_magnitude(turn.rate) > TURNING || ballbot_magnitude(turn.left) > TURNING;
+            const float most = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching);
+
+            state->most = most - (moving ? own->turning * law->shaping.yaw_acceleration : 0.0f);
+            solve(own, state, phase, ahead->a, turn, away);
         }
     }
     const struct ballbot_smooth_reference x = motion(own, state, 0, pose.x);
