@@ -449,9 +449,9 @@ def _limit(own, state, phase, wall):
             torque = state.frame[k, i, 0] * state.a[0, k] + state.frame[k, i, 1] * state.a[1, k]
             t = state.torque[k, i] + _OVER * (torque - state.torque_z[k, i])
             least = -most - state.drag[k, i]
-            over = t - max(least, min(least + 2.0 * most, t))
+            excess = t - max(least, min(least + 2.0 * most, t))
             bound = own.force[_TORQUE] / own.weight[_TORQUE]
-            state.torque[k, i], state.torque_z[k, i] = t, t - max(-bound, min(bound, over))
+            state.torque[k, i], state.torque_z[k, i] = t, t - max(-bound, min(bound, excess))
     for k in range(KNOTS):
         before_x, before_y = (
             state.now[0] if k == 0 else state.a[0, k - 1],

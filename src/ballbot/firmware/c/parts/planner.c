@@ -393,11 +393,11 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
             const float torque = state->frame[k][i][0] * state->a[0][k] + state->frame[k][i][1] * state->a[1][k];
             const float t = state->torque[k][i] + OVER * (torque - state->torque_z[k][i]);
             const float least = -most - state->drag[k][i];
-            float over = t - ballbot_larger(least, ballbot_smaller(least + 2.0f * most, t));
+            const float excess = t - ballbot_larger(least, ballbot_smaller(least + 2.0f * most, t));
             const float bound = own->force[TORQUE] / own->weight[TORQUE];
 
             state->torque[k][i] = t;
-            state->torque_z[k][i] = t - ballbot_larger(-bound, ballbot_smaller(bound, over));
+            state->torque_z[k][i] = t - ballbot_larger(-bound, ballbot_smaller(bound, excess));
         }
     }
     for (int32_t k = 0; k < KNOTS; ++k) {
@@ -413,8 +413,8 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
         const float t_x = state->way[k][0] + OVER * (state->y[k][0] - state->way_z[k][0]);
         const float t_y = state->way[k][1] + OVER * (state->y[k][1] - state->way_z[k][1]);
         const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
+        float over = ballbot_larger(0.0f, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going);
 
-        over = ballbot_larger(0.0f, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going);
         over = ballbot_smaller(over, own->force[WALL] / own->weight[WALL]);
         state->way[k][0] = t_x;
         state->way[k][1] = t_y;
