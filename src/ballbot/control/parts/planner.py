@@ -25,13 +25,15 @@ have the same matrix, whatever the heading.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import frictionless_model
+from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.part import (
     FollowedMotion,
     LawSettings,
@@ -42,7 +44,6 @@ from ballbot.control.parts.part import (
     turned,
     turned_back,
 )
-from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.reference_shaping import shape_heading
 from ballbot.mechanics.engine.compensated_sum import add_to
 from ballbot.mechanics.engine.compiled import inlined
@@ -612,7 +613,9 @@ class Planner(Part):
     )
     record = PlannerRecord
     state = PlannerState
-    needs = {"feed_forward": "motions as fast as the motors allow need their lean and torques"}
+    needs: ClassVar[Mapping[str, str]] = {
+        "feed_forward": "motions as fast as the motors allow need their lean and torques"
+    }
 
     torque_limit: float = parameter("of a wheel, for motions and friction", "N m", least=1e-12, most=1e12)
     speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=1e-12, most=1e12)
