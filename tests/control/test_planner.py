@@ -1,4 +1,4 @@
-"""The planner by itself: its motion ends where the reference does, within the torques, and is one of the flat output."""
+"""The planner by itself: its motion ends where the reference does, within torques, and is one of the flat output."""
 
 import numpy as np
 import pytest

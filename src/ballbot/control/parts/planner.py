@@ -17,9 +17,9 @@ The last is a wall at the place where a motion in the direction d is to end, so 
 (What the last plan needs beyond the wall, it is given half of.) A reference that moves faster than the prompt speed may
 stop at any time: it is planned to end where it is now. A slower one is followed without delay.
 
-The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, each a
-product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the scaled
-multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
+The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
+sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
+scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
 kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence both axes
 have the same matrix, whatever the heading.
 """
@@ -54,8 +54,8 @@ from ballbot.robot.parameters import parameter, parameter_class
 KNOTS, PHASES = 24, 4
 #: unknowns of an axis: the last knot is at rest
 _FREE = KNOTS - 1
-#: steps of the solver
-_STEPS = 10
+#: steps of the solver for a plan, shared out among its samples
+_STEPS = 12
 #: over-relaxation
 _OVER = 1.625
 # constants that single precision holds exactly, so that the firmware's are these
@@ -98,6 +98,8 @@ class PlannerRecord:
     on: int = field(default=1, metadata=whole())
     #: samples from plan to plan
     every: int = field(metadata=whole())
+    #: steps of the solver in a sample
+    steps: int = field(metadata=whole())
     wheels: int = field(metadata=whole())
     rate: float = field(metadata=number("1/s"))
     #: p, 1/p^2, 1/p^2 - c
@@ -167,6 +169,13 @@ class PlannerState:
     #: torque of each wheel against lasting disturbances, and 1 while the robot catches itself
     lost: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     catching: float = field(metadata=number("1"))
+    #: whether a plan is being made, from where: W, W', f, a and what b needs; the way since; the wall: its direction,
+    #: place and speed
+    solving: int = field(metadata=whole())
+    begun: NDArray[np.float64] = field(metadata=number("m", 2, 4))
+    needs: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
+    moved: NDArray[np.float64] = field(metadata=number("m", 2))
+    wall: NDArray[np.float64] = field(metadata=number("m", 4))
     #: torque that is left for motions, of the tight frame
     most: float = field(metadata=number("m/s^2"))
     #: how far the reference is taken as one that may stop, from 0 to 1
@@ -193,14 +202,6 @@ class _Turn(NamedTuple):
     left: float  # [rad]
 
 
-class _Wall(NamedTuple):
-    """A wall that the ball does not pass."""
-
-    d: Pair  # its direction, zero without a wall
-    place: float  # along it [m]
-    going: float  # its speed along it [m/s]
-
-
 @inlined
 def plan_motion(law, memory, pose, ahead, wanted):
     """Return the motion to a pose, relative to the measured one, and advance the memory."""
@@ -215,7 +216,8 @@ def plan_motion(law, memory, pose, ahead, wanted):
     )
     phase = state.since // own.every
     if phase * own.every == state.since:
-        if _is_still(own, state, away):
+        state.solving = 0 if _is_still(own, state, away) else 1
+        if state.solving == 0:
             _rest(state, wanted.x, wanted.y)
         else:
             heading = memory.shaping
@@ -223,7 +225,9 @@ def plan_motion(law, memory, pose, ahead, wanted):
             moving = abs(turn.rate) > _TURNING or abs(turn.left) > _TURNING
             most = own.most * max(_LEAST_LEFT, 1.0 - state.catching)
             state.most = most - (own.turning * law.shaping.yaw_acceleration if moving else 0.0)
-            _solve(own, state, phase, ahead.a, turn, away)
+            _begin(own, state, phase, ahead.a, turn, away)
+    if state.solving == 1:
+        _solve(own, state, phase)
     x, y = _motion(own, state, 0, pose.x), _motion(own, state, 1, pose.y)
     _advance(own, state)
     return FollowedMotion(x, y, shape_heading(law, memory, pose, ahead, wanted))
@@ -251,7 +255,7 @@ def _rest(state, x, y):
     """Let the plan be at rest at a place."""
     state.place[0], state.place[1] = x, y
     for j in range(2):
-        state.place_rest[j] = 0.0
+        state.place_rest[j], state.moved[j] = 0.0, 0.0
         state.motion[j], state.lag[j], state.lead[j], state.now[j] = 0.0, 0.0, 0.0, 0.0
         for k in range(KNOTS):
             state.a[j, k] = 0.0
@@ -261,7 +265,7 @@ def _rest(state, x, y):
     for k in range(KNOTS):
         for i in range(MAX_WHEELS):
             state.torque[k, i], state.torque_z[k, i] = 0.0, 0.0
-    state.started, state.since = 1, 0
+    state.started, state.since, state.solving = 1, 0, 0
 
 
 @inlined
@@ -307,19 +311,31 @@ def _lose(law, memory, a):
 
 
 @inlined
-def _solve(own, state, phase, a, turn, away):
-    """Make the plan again, from the last one."""
+def _begin(own, state, phase, a, turn, away):
+    """Begin a new plan, from the last one."""
     for j in range(2):
+        for k in range(KNOTS):
+            state.way[k, j] -= state.moved[j]
+            state.way_z[k, j] -= state.moved[j]
+        state.moved[j] = 0.0
+        state.begun[j, 0] = -0.5 * own.square * (state.lead[j] + state.lag[j])
+        state.begun[j, 1], state.begun[j, 2], state.begun[j, 3] = state.motion[j], state.lag[j], state.now[j]
+        state.needs[j] = state.lead[j] - own.late[phase] * state.now[j]
         _see(own, state, phase, j, state.a, state.v, state.y)
         _see(own, state, phase, j, state.none, state.free_v, state.free_y)
     _resist(own, state, phase, a, turn)
-    wall = _begin(own, state, phase, away)
-    for turn in range(_STEPS):  # noqa: B007 (C has no loop without a name)
+    _aim(own, state, phase, away)
+
+
+@inlined
+def _solve(own, state, phase):
+    """Take a sample's share of the steps; the plan's first samples are followed meanwhile."""
+    for count in range(own.steps):  # noqa: B007 (C has no loop without a name)
         for j in range(2):
             _pull(own, state, phase, j)
             _step(own, state, phase, j)
             _see(own, state, phase, j, state.a, state.v, state.y)
-        _limit(own, state, phase, wall)
+        _limit(own, state, phase)
 
 
 @inlined
@@ -329,8 +345,7 @@ def _see(own, state, phase, j, inputs, v, y):
     lead[KNOTS - 1] = 0.0
     for k in range(KNOTS - 2, -1, -1):
         lead[k] = own.kept[PHASES] * lead[k + 1] + own.late[PHASES] * a[k] + own.early[PHASES] * a[k + 1]
-    w, lag, before = state.motion[j], state.lag[j], state.now[j]
-    W = -0.5 * own.square * (state.lead[j] + lag)
+    W, w, lag, before = state.begun[j, 0], state.begun[j, 1], state.begun[j, 2], state.begun[j, 3]
     for k in range(KNOTS):
         at = phase if k == 0 else PHASES
         h = own.interval[at]
@@ -359,8 +374,8 @@ def _resist(own, state, phase, a, turn):
 
 
 @inlined
-def _begin(own, state, phase, away):
-    """Fill the pulls of the start and of the reference, and return the wall."""
+def _aim(own, state, phase, away):
+    """Fill the pulls of the start and of the reference, and the wall."""
     now = Pair(state.reference[0] + _LAG * state.bend[0], state.reference[1] + _LAG * state.bend[1])
     speed = (now.x * now.x + now.y * now.y) ** 0.5
     v = Pair(_speed_of(own, state, 0), _speed_of(own, state, 1))
@@ -374,21 +389,23 @@ def _begin(own, state, phase, away):
     for j in range(2):
         near_place = near * (r.x if j == 0 else r.y)
         rate, bend = prompt * (now.x if j == 0 else now.y), prompt * state.bend[j]
-        W = -0.5 * own.square * (state.lead[j] + state.lag[j])
+        begun = state.begun[j]
         for k in range(_FREE):
             by, of = own.by_start[phase, k], own.by_reference[phase, k]
-            start = by[0] * W + by[1] * state.motion[j] + by[2] * state.lag[j] + by[3] * state.now[j]
+            start = by[0] * begun[0] + by[1] * begun[1] + by[2] * begun[2] + by[3] * begun[3]
             state.start[j, k] = start - of[0] * near_place - of[1] * rate - of[2] * bend
     to = Pair(r.x + _TURNS * (v.x - prompt * now.x), r.y + _TURNS * (v.y - prompt * now.y))
     size = (to.x * to.x + to.y * to.y) ** 0.5
     if size < _NEAR:
-        return _Wall(Pair(0.0, 0.0), 0.0, 0.0)
+        state.wall[0], state.wall[1], state.wall[2], state.wall[3] = 0.0, 0.0, 0.0, 0.0
+        return
     d = Pair(to.x / size, to.y / size)
     place, going, beyond = r.x * d.x + r.y * d.y, prompt * (now.x * d.x + now.y * d.y), 0.0
     for k in range(KNOTS):
         later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
         beyond = max(beyond, state.y[k, 0] * d.x + state.y[k, 1] * d.y - place - later * going)
-    return _Wall(d, place + _GIVEN * beyond, going)
+    state.wall[0], state.wall[1] = d.x, d.y
+    state.wall[2], state.wall[3] = place + _GIVEN * beyond, going
 
 
 @inlined
@@ -421,7 +438,7 @@ def _pull(own, state, phase, j):
         before = lead
         lead = own.kept[PHASES] * lead + 0.5 * (own.ball * state.force_y[k] + state.force_v[k] / p)
         pull[k] += own.late[PHASES] * lead + own.early[PHASES] * before - state.start[j, k]
-        start = state.now[j] if k == 0 else 0.0
+        start = state.begun[j, 3] if k == 0 else 0.0
         changes = 2.0 * state.change_z[k, j] - state.change[k, j] + start
         changes += state.change[k + 1, j] - 2.0 * state.change_z[k + 1, j]
         torques = 0.0
@@ -433,7 +450,7 @@ def _pull(own, state, phase, j):
 @inlined
 def _step(own, state, phase, j):
     """Solve for an axis's a."""
-    needs = state.lead[j] - own.late[phase] * state.now[j]
+    needs = state.needs[j]
     for k in range(_FREE):
         row, a = own.inverse[phase, k], own.by_lead[phase, k] * needs
         for m in range(_FREE):
@@ -442,9 +459,9 @@ def _step(own, state, phase, j):
 
 
 @inlined
-def _limit(own, state, phase, wall):
+def _limit(own, state, phase):
     """Step the rows, and find what the limits allow of them."""
-    most = state.most
+    most, wall = state.most, state.wall
     for k in range(_FREE):
         for i in range(own.wheels):
             torque = state.frame[k, i, 0] * state.a[0, k] + state.frame[k, i, 1] * state.a[1, k]
@@ -455,8 +472,8 @@ def _limit(own, state, phase, wall):
             state.torque[k, i], state.torque_z[k, i] = t, t - max(-bound, min(bound, excess))
     for k in range(KNOTS):
         before_x, before_y = (
-            state.now[0] if k == 0 else state.a[0, k - 1],
-            state.now[1] if k == 0 else state.a[1, k - 1],
+            state.begun[0, 3] if k == 0 else state.a[0, k - 1],
+            state.begun[1, 3] if k == 0 else state.a[1, k - 1],
         )
         change = own.change * own.interval[phase] / own.interval[PHASES] if k == 0 else own.change
         changed = Pair(state.a[0, k] - before_x, state.a[1, k] - before_y)
@@ -468,10 +485,10 @@ def _limit(own, state, phase, wall):
         t_x = state.way[k, 0] + _OVER * (state.y[k, 0] - state.way_z[k, 0])
         t_y = state.way[k, 1] + _OVER * (state.y[k, 1] - state.way_z[k, 1])
         later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
-        over = max(0.0, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going)
+        over = max(0.0, t_x * wall[0] + t_y * wall[1] - wall[2] - later * wall[3])
         over = min(over, own.force[_WALL] / own.weight[_WALL])
         state.way[k, 0], state.way[k, 1] = t_x, t_y
-        state.way_z[k, 0], state.way_z[k, 1] = t_x - over * wall.d.x, t_y - over * wall.d.y
+        state.way_z[k, 0], state.way_z[k, 1] = t_x - over * wall[0], t_y - over * wall[1]
 
 
 @inlined
@@ -513,9 +530,7 @@ def _advance(own, state):
         state.now[j] = after
         moved += own.square * (0.5 * (state.lead[j] + state.lag[j]) - second)
         add_to(state.place, state.place_rest, j, moved)
-        for k in range(KNOTS):
-            state.way[k, j] -= moved
-            state.way_z[k, j] -= moved
+        state.moved[j] += moved
     state.since += 1
     if left == 1:
         _pass_knot(state)
@@ -638,6 +653,7 @@ class Planner(Part):
         largest = self.torque_limit / float(np.linalg.norm(needed.by_second, axis=1).max())
         return PlannerRecord(
             every=every,
+            steps=math.ceil(_STEPS / every),
             wheels=n,
             rate=1.0 / dt,
             falling=p,

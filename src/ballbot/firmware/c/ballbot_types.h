@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "43d9fb5e131a20f4de71a50d534800a4df18cb0d9577f5659ec4e018b997149b"
+#define BALLBOT_SCHEMA_DIGEST "7ffc23b1e30c6d103d17c3690321993c585d939c1bfff57b2838749895801289"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1138359134, 320479476, 1584506125, 1397227684, 1595460365, 360183141, 516218904, 966202523 }
+#define BALLBOT_SCHEMA_WORDS { 2147230641, 1661758736, 1024967529, 52533564, 1482527644, 469759355, 674788504, 360714889 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -99,6 +99,7 @@ typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shapin
 struct ballbot_planner_record {
     int32_t on;
     int32_t every;
+    int32_t steps;
     int32_t wheels;
     float rate; /* [1/s] */
     float falling; /* [1/s] */
@@ -129,7 +130,7 @@ struct ballbot_planner_record {
     float delay; /* [s] */
     float late_reference; /* [1] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2917u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2918u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -233,7 +234,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4337u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4338u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -286,7 +287,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4439u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4440u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -406,6 +407,11 @@ struct ballbot_planner_state {
     float bend[2]; /* [m/s^2] */
     float lost[BALLBOT_MAX_WHEELS]; /* [N m] */
     float catching; /* [1] */
+    int32_t solving;
+    float begun[2][4]; /* [m] */
+    float needs[2]; /* [m/s^2] */
+    float moved[2]; /* [m] */
+    float wall[BALLBOT_MAX_WHEELS]; /* [m] */
     float most; /* [m/s^2] */
     float hedge; /* [1] */
     float v[24][2]; /* [m/s] */
@@ -421,7 +427,7 @@ struct ballbot_planner_state {
     float drag[24][4]; /* [m/s^2] */
     float frame[24][4][2]; /* [1] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1225u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1242u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -490,7 +496,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1781u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1798u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -537,7 +543,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 2108u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 2125u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

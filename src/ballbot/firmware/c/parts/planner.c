@@ -20,9 +20,9 @@
  * (What the last plan needs beyond the wall, it is given half of.) A reference that moves faster than the prompt speed may
  * stop at any time: it is planned to end where it is now. A slower one is followed without delay.
  *
- * The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, each a
- * product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the scaled
- * multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
+ * The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
+ * sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
+ * scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
  * kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence both axes
  * have the same matrix, whatever the heading.
  */
@@ -65,8 +65,6 @@
 #define NEAR 0.01f
 /* part of the way beyond the wall that the next plan is given */
 #define GIVEN 0.5f
-/* steps of the solver */
-#define STEPS 10
 #define SPEED 2
 /* the rows' weights and largest forces: torque, change, speed, wall */
 #define WALL 3
@@ -82,13 +80,6 @@ struct turn {
     float left; /* [rad] */
 };
 
-/* A wall that the ball does not pass. */
-struct wall {
-    struct ballbot_pair d; /* its direction, zero without a wall */
-    float place; /* along it [m] */
-    float going; /* its speed along it [m/s] */
-};
-
 /* Let the plan be at rest at a place. */
 static void rest(struct ballbot_planner_state *state, float x, float y)
 {
@@ -96,6 +87,7 @@ static void rest(struct ballbot_planner_state *state, float x, float y)
     state->place[1] = y;
     for (int32_t j = 0; j < 2; ++j) {
         state->place_rest[j] = 0.0f;
+        state->moved[j] = 0.0f;
         state->motion[j] = 0.0f;
         state->lag[j] = 0.0f;
         state->lead[j] = 0.0f;
@@ -118,6 +110,7 @@ static void rest(struct ballbot_planner_state *state, float x, float y)
     }
     state->started = 1;
     state->since = 0;
+    state->solving = 0;
 }
 
 /* Let the planner go on from a pose at rest: a plan, which is followed without it, ends there. */
@@ -203,10 +196,10 @@ static void see(const struct ballbot_planner_record *own, struct ballbot_planner
     for (int32_t k = KNOTS - 2; k > -1; --k) {
         lead[k] = own->kept[PHASES] * lead[k + 1] + own->late[PHASES] * a[k] + own->early[PHASES] * a[k + 1];
     }
-    float w = state->motion[j];
-    float lag = state->lag[j];
-    float before = state->now[j];
-    float W = -0.5f * own->square * (state->lead[j] + lag);
+    float W = state->begun[j][0];
+    float w = state->begun[j][1];
+    float lag = state->begun[j][2];
+    float before = state->begun[j][3];
 
     for (int32_t k = 0; k < KNOTS; ++k) {
         const int32_t at = (k == 0) ? phase : PHASES;
@@ -252,9 +245,9 @@ static float speed_of(const struct ballbot_planner_record *own, const struct bal
     return state->motion[j] + 0.5f * (state->lead[j] - state->lag[j]) / own->falling;
 }
 
-/* Fill the pulls of the start and of the reference, and return the wall. */
-static struct wall begin(const struct ballbot_planner_record *own, struct ballbot_planner_state *state,
-        int32_t phase, struct ballbot_pair away)
+/* Fill the pulls of the start and of the reference, and the wall. */
+static void aim(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        struct ballbot_pair away)
 {
     const struct ballbot_pair now = { state->reference[0] + LAG * state->bend[0],
         state->reference[1] + LAG * state->bend[1] };
@@ -273,12 +266,12 @@ static struct wall begin(const struct ballbot_planner_record *own, struct ballbo
         const float near_place = near * ((j == 0) ? r.x : r.y);
         const float rate = prompt * ((j == 0) ? now.x : now.y);
         const float bend = prompt * state->bend[j];
-        const float W = -0.5f * own->square * (state->lead[j] + state->lag[j]);
+        const float *begun = state->begun[j];
 
         for (int32_t k = 0; k < FREE; ++k) {
             const float *by = own->by_start[phase][k];
             const float *of = own->by_reference[phase][k];
-            const float start = by[0] * W + by[1] * state->motion[j] + by[2] * state->lag[j] + by[3] * state->now[j];
+            const float start = by[0] * begun[0] + by[1] * begun[1] + by[2] * begun[2] + by[3] * begun[3];
 
             state->start[j][k] = start - of[0] * near_place - of[1] * rate - of[2] * bend;
         }
@@ -287,7 +280,11 @@ static struct wall begin(const struct ballbot_planner_record *own, struct ballbo
     const float size = ballbot_square_root(to.x * to.x + to.y * to.y);
 
     if (size < NEAR) {
-        return (struct wall){ (struct ballbot_pair){ 0.0f, 0.0f }, 0.0f, 0.0f };
+        state->wall[0] = 0.0f;
+        state->wall[1] = 0.0f;
+        state->wall[2] = 0.0f;
+        state->wall[3] = 0.0f;
+        return;
     }
     const struct ballbot_pair d = { to.x / size, to.y / size };
     const float place = r.x * d.x + r.y * d.y;
@@ -299,7 +296,32 @@ static struct wall begin(const struct ballbot_planner_record *own, struct ballbo
 
         beyond = ballbot_larger(beyond, state->y[k][0] * d.x + state->y[k][1] * d.y - place - later * going);
     }
-    return (struct wall){ d, place + GIVEN * beyond, going };
+    state->wall[0] = d.x;
+    state->wall[1] = d.y;
+    state->wall[2] = place + GIVEN * beyond;
+    state->wall[3] = going;
+}
+
+/* Begin a new plan, from the last one. */
+static void begin(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
+        struct ballbot_heading_frame a, struct turn turn, struct ballbot_pair away)
+{
+    for (int32_t j = 0; j < 2; ++j) {
+        for (int32_t k = 0; k < KNOTS; ++k) {
+            state->way[k][j] -= state->moved[j];
+            state->way_z[k][j] -= state->moved[j];
+        }
+        state->moved[j] = 0.0f;
+        state->begun[j][0] = -0.5f * own->square * (state->lead[j] + state->lag[j]);
+        state->begun[j][1] = state->motion[j];
+        state->begun[j][2] = state->lag[j];
+        state->begun[j][3] = state->now[j];
+        state->needs[j] = state->lead[j] - own->late[phase] * state->now[j];
+        see(own, state, phase, j, state->a, state->v, state->y);
+        see(own, state, phase, j, state->none, state->free_v, state->free_y);
+    }
+    resist(own, state, phase, a, turn);
+    aim(own, state, phase, away);
 }
 
 /* Fill what the rows and the costs pull at an axis's a. */
@@ -337,7 +359,7 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
 
         lead = own->kept[PHASES] * lead + 0.5f * (own->ball * state->force_y[k] + state->force_v[k] / p);
         pull[k] += own->late[PHASES] * lead + own->early[PHASES] * before - state->start[j][k];
-        const float start = (k == 0) ? state->now[j] : 0.0f;
+        const float start = (k == 0) ? state->begun[j][3] : 0.0f;
         float changes = 2.0f * state->change_z[k][j] - state->change[k][j] + start;
 
         changes += state->change[k + 1][j] - 2.0f * state->change_z[k + 1][j];
@@ -354,7 +376,7 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
 static void step(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
         int32_t j)
 {
-    const float needs = state->lead[j] - own->late[phase] * state->now[j];
+    const float needs = state->needs[j];
 
     for (int32_t k = 0; k < FREE; ++k) {
         const float *row = own->inverse[phase][k];
@@ -383,10 +405,10 @@ static void limit_length(float row[24][2], float z[24][2], int32_t k, struct bal
 }
 
 /* Step the rows, and find what the limits allow of them. */
-static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
-        struct wall wall)
+static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase)
 {
     const float most = state->most;
+    const float *wall = state->wall;
 
     for (int32_t k = 0; k < FREE; ++k) {
         for (int32_t i = 0; i < own->wheels; ++i) {
@@ -401,8 +423,8 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
         }
     }
     for (int32_t k = 0; k < KNOTS; ++k) {
-        const float before_x = (k == 0) ? state->now[0] : state->a[0][k - 1];
-        const float before_y = (k == 0) ? state->now[1] : state->a[1][k - 1];
+        const float before_x = (k == 0) ? state->begun[0][3] : state->a[0][k - 1];
+        const float before_y = (k == 0) ? state->begun[1][3] : state->a[1][k - 1];
         const float change = (k == 0) ? own->change * own->interval[phase] / own->interval[PHASES] : own->change;
         const struct ballbot_pair changed = { state->a[0][k] - before_x, state->a[1][k] - before_y };
 
@@ -413,34 +435,26 @@ static void limit(const struct ballbot_planner_record *own, struct ballbot_plann
         const float t_x = state->way[k][0] + OVER * (state->y[k][0] - state->way_z[k][0]);
         const float t_y = state->way[k][1] + OVER * (state->y[k][1] - state->way_z[k][1]);
         const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
-        float over = ballbot_larger(0.0f, t_x * wall.d.x + t_y * wall.d.y - wall.place - later * wall.going);
+        float over = ballbot_larger(0.0f, t_x * wall[0] + t_y * wall[1] - wall[2] - later * wall[3]);
 
         over = ballbot_smaller(over, own->force[WALL] / own->weight[WALL]);
         state->way[k][0] = t_x;
         state->way[k][1] = t_y;
-        state->way_z[k][0] = t_x - over * wall.d.x;
-        state->way_z[k][1] = t_y - over * wall.d.y;
+        state->way_z[k][0] = t_x - over * wall[0];
+        state->way_z[k][1] = t_y - over * wall[1];
     }
 }
 
-/* Make the plan again, from the last one. */
-static void solve(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
-        struct ballbot_heading_frame a, struct turn turn, struct ballbot_pair away)
+/* Take a sample's share of the steps; the plan's first samples are followed meanwhile. */
+static void solve(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase)
 {
-    for (int32_t j = 0; j < 2; ++j) {
-        see(own, state, phase, j, state->a, state->v, state->y);
-        see(own, state, phase, j, state->none, state->free_v, state->free_y);
-    }
-    resist(own, state, phase, a, turn);
-    const struct wall wall = begin(own, state, phase, away);
-
-    for (int32_t turn = 0; turn < STEPS; ++turn) {
+    for (int32_t count = 0; count < own->steps; ++count) {
         for (int32_t j = 0; j < 2; ++j) {
             pull(own, state, phase, j);
             step(own, state, phase, j);
             see(own, state, phase, j, state->a, state->v, state->y);
         }
-        limit(own, state, phase, wall);
+        limit(own, state, phase);
     }
 }
 
@@ -499,10 +513,7 @@ static void advance(const struct ballbot_planner_record *own, struct ballbot_pla
         state->now[j] = after;
         moved += own->square * (0.5f * (state->lead[j] + state->lag[j]) - second);
         ballbot_add(&state->place[j], &state->place_rest[j], moved);
-        for (int32_t k = 0; k < KNOTS; ++k) {
-            state->way[k][j] -= moved;
-            state->way_z[k][j] -= moved;
-        }
+        state->moved[j] += moved;
     }
     state->since += 1;
     if (left == 1) {
@@ -529,7 +540,8 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
     const int32_t phase = state->since / own->every;
 
     if (phase * own->every == state->since) {
-        if (is_still(own, state, away)) {
+        state->solving = is_still(own, state, away) ? 0 : 1;
+        if (state->solving == 0) {
             rest(state, wanted.x, wanted.y);
         } else {
             const struct ballbot_shaping_state *heading = &memory->shaping;
@@ -538,8 +550,11 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
             const float most = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching);
 
             state->most = most - (moving ? own->turning * law->shaping.yaw_acceleration : 0.0f);
-            solve(own, state, phase, ahead->a, turn, away);
+            begin(own, state, phase, ahead->a, turn, away);
         }
+    }
+    if (state->solving == 1) {
+        solve(own, state, phase);
     }
     const struct ballbot_smooth_reference x = motion(own, state, 0, pose.x);
     const struct ballbot_smooth_reference y = motion(own, state, 1, pose.y);
