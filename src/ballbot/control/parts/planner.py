@@ -19,9 +19,9 @@ stop at any time: it is planned to end where it is now. A slower one is followed
 
 The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
 sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
-scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
-kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence both axes
-have the same matrix, whatever the heading.
+scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a
+push, are kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence
+both axes have the same matrix, whatever the heading.
 """
 
 import math
@@ -83,8 +83,9 @@ _CREEPING = 0.5
 _STILL, _STILL_SPEED, _STILL_FORCE = 2e-6, 1e-5, 1e-4
 #: distance over which the wall has a direction [m]
 _NEAR = 0.01
-#: time in which a reference that was fast counts as slow again [s]
-_HEDGED = 1.0
+#: time in which a reference that was fast counts as slow again [s], and the ratio by which it first does not: until
+#: then r' of one that has stopped is gone
+_HEDGED, _HELD = 1.0, 1.25
 #: rate [rad/s] and angle [rad] from which the heading turns
 _TURNING = 0.01
 #: the rows' weights and largest forces: torque, change, speed, wall
@@ -178,7 +179,7 @@ class PlannerState:
     wall: NDArray[np.float64] = field(metadata=number("m", 4))
     #: torque that is left for motions, of the tight frame
     most: float = field(metadata=number("m/s^2"))
-    #: how far the reference is taken as one that may stop, from 0 to 1
+    #: how far the reference is taken as one that may stop, from 0 to 1 and a rest
     hedge: float = field(metadata=number("1"))
     #: work: velocities and places of the plan and without it, pulls, b at the knots, friction, frame in the world
     v: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
@@ -380,8 +381,8 @@ def _aim(own, state, phase, away):
     speed = (now.x * now.x + now.y * now.y) ** 0.5
     v = Pair(_speed_of(own, state, 0), _speed_of(own, state, 1))
     fast = max(0.0, min(1.0, (speed / own.prompt - 1.0) / (_FAST - 1.0)))
-    state.hedge = max(fast, state.hedge - own.every / (_HEDGED * own.rate))
-    prompt = 1.0 - state.hedge
+    state.hedge = max(_HELD * fast, state.hedge - own.every / (_HEDGED * own.rate))
+    prompt = max(0.0, 1.0 - state.hedge)
     ahead = prompt * own.delay
     r = Pair(away.x + ahead * now.x, away.y + ahead * now.y)
     distance = (r.x * r.x + r.y * r.y) ** 0.5

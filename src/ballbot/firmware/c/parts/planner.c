@@ -22,9 +22,9 @@
  *
  * The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
  * sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
- * scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a push, are
- * kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence both axes
- * have the same matrix, whatever the heading.
+ * scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a
+ * push, are kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence
+ * both axes have the same matrix, whatever the heading.
  */
 #include "parts/steps.h"
 
@@ -57,7 +57,11 @@
 #define LAG 0.046875f
 /* ratio of the speeds at which a reference is followed as one that may stop, and as one that goes on */
 #define FAST 1.5f
-/* time in which a reference that was fast counts as slow again [s] */
+/* time in which a reference that was fast counts as slow again [s], and the ratio by which it first does not: until
+ * then r' of one that has stopped is gone */
+#define HELD 1.25f
+/* time in which a reference that was fast counts as slow again [s], and the ratio by which it first does not: until
+ * then r' of one that has stopped is gone */
 #define HEDGED 1.0f
 /* time that a motion takes to turn, by which the wall's direction looks ahead [s] */
 #define TURNS 0.75f
@@ -255,8 +259,8 @@ static void aim(const struct ballbot_planner_record *own, struct ballbot_planner
     const struct ballbot_pair v = { speed_of(own, state, 0), speed_of(own, state, 1) };
     const float fast = ballbot_larger(0.0f, ballbot_smaller(1.0f, (speed / own->prompt - 1.0f) / (FAST - 1.0f)));
 
-    state->hedge = ballbot_larger(fast, state->hedge - (float)own->every / (HEDGED * own->rate));
-    const float prompt = 1.0f - state->hedge;
+    state->hedge = ballbot_larger(HELD * fast, state->hedge - (float)own->every / (HEDGED * own->rate));
+    const float prompt = ballbot_larger(0.0f, 1.0f - state->hedge);
     const float ahead = prompt * own->delay;
     const struct ballbot_pair r = { away.x + ahead * now.x, away.y + ahead * now.y };
     const float distance = ballbot_square_root(r.x * r.x + r.y * r.y);
