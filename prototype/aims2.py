@@ -19,7 +19,7 @@ import ballbot.control.parts.planner as P
 
 _numbers = P.Planner.numbers
 P.Planner.numbers = lambda self, settings: replace(
-    (lambda n: replace(n, torque=float(os.environ.get("LOST", "1")) * n.torque))(_numbers(self, settings)),
+    (lambda n: replace(n, viscous=n.viscous))(_numbers(self, settings)),
     **eval(os.environ.get("MORE", "{}")))
 
 

@@ -10,7 +10,7 @@ is one linear condition on a, which takes the place of a long horizon. a is line
 where they are in time; every few samples the plan is made again from where it has come to:
 
     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
-    each wheel's torque, less its friction and the lasting disturbances, within its limit
+    the largest wheel's torque, less friction, within its limit
     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
 
 The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
@@ -20,8 +20,8 @@ stop at any time: it is planned to end where it is now. A slower one is followed
 The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
 sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
 scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a
-push, are kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence
-both axes have the same matrix, whatever the heading.
+push, are kept as far as possible, the torques before the wall. The torques' limit is a disc, as large
+as the wheels allow in the direction of the last plan: at a corner of the wheels' hexagon a motion would go aside.
 """
 
 import math
@@ -75,7 +75,7 @@ _GIVEN = 0.5
 _FAST = 1.5
 #: fraction of the largest acceleration up to which a reference's bend counts
 _BEND = 0.34375
-#: lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself
+#: time to come back from catching itself [s], and the least fraction of the torque meanwhile
 _LASTING, _LEAST_LEFT = 1.0, 0.25
 #: wheel speed over which friction turns from one sign to the other [rad/s]
 _CREEPING = 0.5
@@ -120,14 +120,15 @@ class PlannerRecord:
     by_start: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 4))
     by_reference: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 3))
     #: torques of the wheels in a tight frame for a, and with it their limit, friction (the wheels' mean: one with
-    #: less would have the robot go aside), what turning needs, and 1 N m
+    #: less would have the robot go aside), what turning needs, and its largest
+    #: row
     frame: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS, 2))
     rolling: NDArray[np.float64] = field(metadata=number("rad/m", MAX_WHEELS, 2))
     most: float = field(metadata=number("m/s^2"))
     viscous: float = field(metadata=number("m/(s rad)"))
     dry: float = field(metadata=number("m/s^2"))
     turning: float = field(metadata=number("m/s^2"))
-    torque: float = field(metadata=number("1/(kg m)"))
+    worst: float = field(metadata=number("1"))
     weight: NDArray[np.float64] = field(metadata=number("1", 4))
     force: NDArray[np.float64] = field(metadata=number("1", 4))
     change: float = field(metadata=number("m/s^2"))
@@ -155,8 +156,8 @@ class PlannerState:
     #: a at the knots to come
     a: NDArray[np.float64] = field(metadata=number("m/s^2", 2, KNOTS))
     #: t and z of the rows
-    torque: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, MAX_WHEELS))
-    torque_z: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, MAX_WHEELS))
+    torque: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
+    torque_z: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
     change: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
     change_z: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
     speed: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
@@ -167,8 +168,7 @@ class PlannerState:
     last: NDArray[np.float64] = field(metadata=number("m", 2))
     reference: NDArray[np.float64] = field(metadata=number("m/s", 2))
     bend: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
-    #: torque of each wheel against lasting disturbances, and 1 while the robot catches itself
-    lost: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    #: 1 while the robot catches itself
     catching: float = field(metadata=number("1"))
     #: whether a plan is being made, from where: W, W', f, a and what b needs; the way since; the wall: its direction,
     #: place and speed
@@ -192,8 +192,8 @@ class PlannerState:
     ahead: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS))
     force_v: NDArray[np.float64] = field(metadata=number("1", KNOTS))
     force_y: NDArray[np.float64] = field(metadata=number("1", KNOTS))
-    drag: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, MAX_WHEELS))
-    frame: NDArray[np.float64] = field(metadata=number("1", KNOTS, MAX_WHEELS, 2))
+    drag: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
+    radius: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS))
 
 
 class _Turn(NamedTuple):
@@ -211,7 +211,7 @@ def plan_motion(law, memory, pose, ahead, wanted):
         _rest(state, pose.x + ahead.state.x, pose.y + ahead.state.y)
         state.last[0], state.last[1] = wanted.x, wanted.y
     _notice(own, state, wanted)
-    _lose(law, memory, ahead.a)
+    state.catching -= state.catching / (_LASTING * own.rate + 1.0)
     away = Pair(
         wanted.x - state.place[0] - state.place_rest[0], wanted.y - state.place[1] - state.place_rest[1]
     )
@@ -260,12 +260,10 @@ def _rest(state, x, y):
         state.motion[j], state.lag[j], state.lead[j], state.now[j] = 0.0, 0.0, 0.0, 0.0
         for k in range(KNOTS):
             state.a[j, k] = 0.0
+            state.torque[k, j], state.torque_z[k, j] = 0.0, 0.0
             state.change[k, j], state.change_z[k, j] = 0.0, 0.0
             state.speed[k, j], state.speed_z[k, j] = 0.0, 0.0
             state.way[k, j], state.way_z[k, j] = 0.0, 0.0
-    for k in range(KNOTS):
-        for i in range(MAX_WHEELS):
-            state.torque[k, i], state.torque_z[k, i] = 0.0, 0.0
     state.started, state.since, state.solving = 1, 0, 0
 
 
@@ -295,20 +293,6 @@ def _notice(own, state, wanted):
     state.reference[0] += own.late_reference * n.x
     state.reference[1] += own.late_reference * n.y
     state.last[0], state.last[1] = wanted.x, wanted.y
-
-
-@inlined
-def _lose(law, memory, a):
-    """Follow the torques against lasting disturbances, and how the robot catches itself."""
-    own, sums = memory.planner, memory.integral.sums
-    share = 1.0 / (_LASTING * law.planner.rate + 1.0)
-    I = turned(a, sums[0], sums[1])  # noqa: E741 (as in `ballbot.control.parts.integral`)
-    for i in range(MAX_WHEELS):
-        gain, more = law.integral.gain[i], memory.tuning.integral[i]
-        by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y
-        lost = memory.disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2]
-        own.lost[i] += share * (lost - own.lost[i])
-    own.catching -= share * own.catching
 
 
 @inlined
@@ -361,17 +345,22 @@ def _see(own, state, phase, j, inputs, v, y):
 
 @inlined
 def _resist(own, state, phase, a, turn):
-    """Fill the wheels' directions at the knots, and what friction and disturbances take of their torques there."""
+    """Fill how large a may be at the knots, in the last plan's direction there, and what friction takes of it."""
     for k in range(_FREE):
         later = own.interval[phase] + own.interval[PHASES] * k
         at = heading_frame_after(a, max(-abs(turn.left), min(abs(turn.left), turn.rate * later)))
-        v = turned(at, state.v[k, 0], state.v[k, 1])
+        v, force = turned(at, state.v[k, 0], state.v[k, 1]), turned(at, state.a[0, k], state.a[1, k])
+        size, largest, drag_x, drag_y = (force.x * force.x + force.y * force.y) ** 0.5, 0.0, 0.0, 0.0
         for i in range(own.wheels):
-            world = turned_back(at, own.frame[i, 0], own.frame[i, 1])
-            state.frame[k, i, 0], state.frame[k, i, 1] = world.x, world.y
             speed = own.rolling[i, 0] * v.x + own.rolling[i, 1] * v.y
             dry = own.dry * speed / (speed * speed + _CREEPING * _CREEPING) ** 0.5
-            state.drag[k, i] = own.viscous * speed + dry + own.torque * state.lost[i]
+            drag_x += own.frame[i, 0] * (own.viscous * speed + dry)
+            drag_y += own.frame[i, 1] * (own.viscous * speed + dry)
+            share = abs(own.frame[i, 0] * force.x + own.frame[i, 1] * force.y)
+            largest = max(largest, share / size if size > _STILL_FORCE else own.worst)
+        drag = turned_back(at, drag_x, drag_y)
+        state.drag[k, 0], state.drag[k, 1] = drag.x, drag.y
+        state.radius[k] = state.most / largest
 
 
 @inlined
@@ -442,9 +431,7 @@ def _pull(own, state, phase, j):
         start = state.begun[j, 3] if k == 0 else 0.0
         changes = 2.0 * state.change_z[k, j] - state.change[k, j] + start
         changes += state.change[k + 1, j] - 2.0 * state.change_z[k + 1, j]
-        torques = 0.0
-        for i in range(own.wheels):
-            torques += state.frame[k, i, j] * (2.0 * state.torque_z[k, i] - state.torque[k, i])
+        torques = 2.0 * state.torque_z[k, j] - state.torque[k, j] - state.drag[k, j]
         pull[k] += weight[_CHANGE] * changes + weight[_TORQUE] * torques
 
 
@@ -462,15 +449,11 @@ def _step(own, state, phase, j):
 @inlined
 def _limit(own, state, phase):
     """Step the rows, and find what the limits allow of them."""
-    most, wall = state.most, state.wall
+    wall = state.wall
+    bound = own.force[_TORQUE] / own.weight[_TORQUE]
     for k in range(_FREE):
-        for i in range(own.wheels):
-            torque = state.frame[k, i, 0] * state.a[0, k] + state.frame[k, i, 1] * state.a[1, k]
-            t = state.torque[k, i] + _OVER * (torque - state.torque_z[k, i])
-            least = -most - state.drag[k, i]
-            excess = t - max(least, min(least + 2.0 * most, t))
-            bound = own.force[_TORQUE] / own.weight[_TORQUE]
-            state.torque[k, i], state.torque_z[k, i] = t, t - max(-bound, min(bound, excess))
+        torque = Pair(state.a[0, k] + state.drag[k, 0], state.a[1, k] + state.drag[k, 1])
+        _limit_length(state.torque, state.torque_z, k, torque, state.radius[k], bound)
     for k in range(KNOTS):
         before_x, before_y = (
             state.begun[0, 3] if k == 0 else state.a[0, k - 1],
@@ -544,11 +527,10 @@ def _pass_knot(state):
     for k in range(_FREE):
         for j in range(2):
             state.a[j, k] = state.a[j, k + 1]
+            state.torque[k, j], state.torque_z[k, j] = state.torque[k + 1, j], state.torque_z[k + 1, j]
             state.change[k, j], state.change_z[k, j] = state.change[k + 1, j], state.change_z[k + 1, j]
             state.speed[k, j], state.speed_z[k, j] = state.speed[k + 1, j], state.speed_z[k + 1, j]
             state.way[k, j], state.way_z[k, j] = state.way[k + 1, j], state.way_z[k + 1, j]
-        for i in range(MAX_WHEELS):
-            state.torque[k, i], state.torque_z[k, i] = state.torque[k + 1, i], state.torque_z[k + 1, i]
     for j in range(2):
         state.change[_FREE, j], state.change_z[_FREE, j] = 0.0, 0.0
 
@@ -672,7 +654,7 @@ class Planner(Part):
             viscous=float(np.mean(robot.friction.viscous)) / size,
             dry=float(np.mean(robot.friction.coulomb)) / size,
             turning=float(np.abs(needed.by_turning).max()) / size,
-            torque=1.0 / size,
+            worst=float(np.linalg.norm(needed.by_second, axis=1).max()) / size,
             weight=np.array(_WEIGHTS),
             force=largest * np.array(_FORCES),
             change=2.0 * largest * interval / _REVERSAL,

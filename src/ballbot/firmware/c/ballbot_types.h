@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "7ffc23b1e30c6d103d17c3690321993c585d939c1bfff57b2838749895801289"
+#define BALLBOT_SCHEMA_DIGEST "417839b2a817d54c28a941359a0bb2d681a2ee757296dcecc651e4091f37a80a"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 2147230641, 1661758736, 1024967529, 52533564, 1482527644, 469759355, 674788504, 360714889 }
+#define BALLBOT_SCHEMA_WORDS { 1098398130, 672650572, 682180917, 436974294, 27455093, 1922489580, 1179771913, 523741194 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -120,7 +120,7 @@ struct ballbot_planner_record {
     float viscous; /* [m/(s rad)] */
     float dry; /* [m/s^2] */
     float turning; /* [m/s^2] */
-    float torque; /* [1/(kg m)] */
+    float worst; /* [1] */
     float weight[BALLBOT_MAX_WHEELS]; /* [1] */
     float force[BALLBOT_MAX_WHEELS]; /* [1] */
     float change; /* [m/s^2] */
@@ -394,8 +394,8 @@ struct ballbot_planner_state {
     float lead[2]; /* [m/s^2] */
     float now[2]; /* [m/s^2] */
     float a[2][24]; /* [m/s^2] */
-    float torque[24][4]; /* [m/s^2] */
-    float torque_z[24][4]; /* [m/s^2] */
+    float torque[24][2]; /* [m/s^2] */
+    float torque_z[24][2]; /* [m/s^2] */
     float change[24][2]; /* [m/s^2] */
     float change_z[24][2]; /* [m/s^2] */
     float speed[24][2]; /* [m/s] */
@@ -405,7 +405,6 @@ struct ballbot_planner_state {
     float last[2]; /* [m] */
     float reference[2]; /* [m/s] */
     float bend[2]; /* [m/s^2] */
-    float lost[BALLBOT_MAX_WHEELS]; /* [N m] */
     float catching; /* [1] */
     int32_t solving;
     float begun[2][4]; /* [m] */
@@ -424,10 +423,10 @@ struct ballbot_planner_state {
     float ahead[24]; /* [m/s^2] */
     float force_v[24]; /* [1] */
     float force_y[24]; /* [1] */
-    float drag[24][4]; /* [m/s^2] */
-    float frame[24][4][2]; /* [1] */
+    float drag[24][2]; /* [m/s^2] */
+    float radius[24]; /* [m/s^2] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 1242u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 926u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -496,7 +495,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1798u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1482u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -543,7 +542,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 2125u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1809u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -13,7 +13,7 @@
  * where they are in time; every few samples the plan is made again from where it has come to:
  *
  *     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
- *     each wheel's torque, less its friction and the lasting disturbances, within its limit
+ *     the largest wheel's torque, less friction, within its limit
  *     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
  *
  * The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
@@ -23,8 +23,8 @@
  * The solver is the alternating direction method of multipliers: a fixed number of steps from the last solution, a few a
  * sample, each a product with a constant matrix. What is stepped are t = z + u, with z what the limits allow and u the
  * scaled multipliers. A multiplier's force is bounded (exact penalties), so that limits that cannot be kept, as after a
- * push, are kept as far as possible, the torques before the wall. The torques' rows are a tight frame: B' B = I. Hence
- * both axes have the same matrix, whatever the heading.
+ * push, are kept as far as possible, the torques before the wall. The torques' limit is a disc, as large
+ * as the wheels allow in the direction of the last plan: at a corner of the wheels' hexagon a motion would go aside.
  */
 #include "parts/steps.h"
 
@@ -34,7 +34,7 @@
 #define ROUNDING 0.001f
 /* fraction of the largest acceleration up to which a reference's bend counts */
 #define BEND 0.34375f
-/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
+/* time to come back from catching itself [s], and the least fraction of the torque meanwhile */
 #define LASTING 1.0f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL 2e-06f
@@ -43,7 +43,7 @@
 #define STILL_FORCE 1e-04f
 /* rate [rad/s] and angle [rad] from which the heading turns */
 #define TURNING 0.01f
-/* lag of the torque against disturbances [s], and the least fraction of the torque while the robot catches itself */
+/* time to come back from catching itself [s], and the least fraction of the torque meanwhile */
 #define LEAST_LEFT 0.25f
 /* knots of the horizon, and plans from one to the next */
 #define PHASES 4
@@ -98,18 +98,14 @@ static void rest(struct ballbot_planner_state *state, float x, float y)
         state->now[j] = 0.0f;
         for (int32_t k = 0; k < KNOTS; ++k) {
             state->a[j][k] = 0.0f;
+            state->torque[k][j] = 0.0f;
+            state->torque_z[k][j] = 0.0f;
             state->change[k][j] = 0.0f;
             state->change_z[k][j] = 0.0f;
             state->speed[k][j] = 0.0f;
             state->speed_z[k][j] = 0.0f;
             state->way[k][j] = 0.0f;
             state->way_z[k][j] = 0.0f;
-        }
-    }
-    for (int32_t k = 0; k < KNOTS; ++k) {
-        for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
-            state->torque[k][i] = 0.0f;
-            state->torque_z[k][i] = 0.0f;
         }
     }
     state->started = 1;
@@ -151,25 +147,6 @@ static void notice(const struct ballbot_planner_record *own, struct ballbot_plan
     state->reference[1] += own->late_reference * n.y;
     state->last[0] = wanted.x;
     state->last[1] = wanted.y;
-}
-
-/* Follow the torques against lasting disturbances, and how the robot catches itself. */
-static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
-{
-    struct ballbot_planner_state *own = &memory->planner;
-    const float *sums = memory->integral.sums;
-    const float share = 1.0f / (LASTING * law->planner.rate + 1.0f);
-    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
-
-    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
-        const float *gain = law->integral.gain[i];
-        const float *more = memory->tuning.integral[i];
-        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
-        const float lost = memory->disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2];
-
-        own->lost[i] += share * (lost - own->lost[i]);
-    }
-    own->catching -= share * own->catching;
 }
 
 /* Return whether plan and reference are at rest at one place. */
@@ -219,7 +196,7 @@ static void see(const struct ballbot_planner_record *own, struct ballbot_planner
     y[KNOTS - 1][j] += TAIL * v[KNOTS - 1][j];
 }
 
-/* Fill the wheels' directions at the knots, and what friction and disturbances take of their torques there. */
+/* Fill how large a may be at the knots, in the last plan's direction there, and what friction takes of it. */
 static void resist(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
         struct ballbot_heading_frame a, struct turn turn)
 {
@@ -229,17 +206,27 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
             ballbot_larger(-ballbot_magnitude(turn.left), ballbot_smaller(ballbot_magnitude(turn.left),
             turn.rate * later)));
         const struct ballbot_pair v = ballbot_turned(at, state->v[k][0], state->v[k][1]);
+        const struct ballbot_pair force = ballbot_turned(at, state->a[0][k], state->a[1][k]);
+        const float size = ballbot_square_root(force.x * force.x + force.y * force.y);
+        float largest = 0.0f;
+        float drag_x = 0.0f;
+        float drag_y = 0.0f;
 
         for (int32_t i = 0; i < own->wheels; ++i) {
-            const struct ballbot_pair world = ballbot_turned_back(at, own->frame[i][0], own->frame[i][1]);
-
-            state->frame[k][i][0] = world.x;
-            state->frame[k][i][1] = world.y;
             const float speed = own->rolling[i][0] * v.x + own->rolling[i][1] * v.y;
             const float dry = own->dry * speed / ballbot_square_root(speed * speed + CREEPING * CREEPING);
 
-            state->drag[k][i] = own->viscous * speed + dry + own->torque * state->lost[i];
+            drag_x += own->frame[i][0] * (own->viscous * speed + dry);
+            drag_y += own->frame[i][1] * (own->viscous * speed + dry);
+            const float share = ballbot_magnitude(own->frame[i][0] * force.x + own->frame[i][1] * force.y);
+
+            largest = ballbot_larger(largest, (size > STILL_FORCE) ? share / size : own->worst);
         }
+        const struct ballbot_pair drag = ballbot_turned_back(at, drag_x, drag_y);
+
+        state->drag[k][0] = drag.x;
+        state->drag[k][1] = drag.y;
+        state->radius[k] = state->most / largest;
     }
 }
 
@@ -367,11 +354,8 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
         float changes = 2.0f * state->change_z[k][j] - state->change[k][j] + start;
 
         changes += state->change[k + 1][j] - 2.0f * state->change_z[k + 1][j];
-        float torques = 0.0f;
+        const float torques = 2.0f * state->torque_z[k][j] - state->torque[k][j] - state->drag[k][j];
 
-        for (int32_t i = 0; i < own->wheels; ++i) {
-            torques += state->frame[k][i][j] * (2.0f * state->torque_z[k][i] - state->torque[k][i]);
-        }
         pull[k] += weight[CHANGE] * changes + weight[TORQUE] * torques;
     }
 }
@@ -411,20 +395,13 @@ static void limit_length(float row[24][2], float z[24][2], int32_t k, struct bal
 /* Step the rows, and find what the limits allow of them. */
 static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase)
 {
-    const float most = state->most;
     const float *wall = state->wall;
+    const float bound = own->force[TORQUE] / own->weight[TORQUE];
 
     for (int32_t k = 0; k < FREE; ++k) {
-        for (int32_t i = 0; i < own->wheels; ++i) {
-            const float torque = state->frame[k][i][0] * state->a[0][k] + state->frame[k][i][1] * state->a[1][k];
-            const float t = state->torque[k][i] + OVER * (torque - state->torque_z[k][i]);
-            const float least = -most - state->drag[k][i];
-            const float excess = t - ballbot_larger(least, ballbot_smaller(least + 2.0f * most, t));
-            const float bound = own->force[TORQUE] / own->weight[TORQUE];
+        const struct ballbot_pair torque = { state->a[0][k] + state->drag[k][0], state->a[1][k] + state->drag[k][1] };
 
-            state->torque[k][i] = t;
-            state->torque_z[k][i] = t - ballbot_larger(-bound, ballbot_smaller(bound, excess));
-        }
+        limit_length(state->torque, state->torque_z, k, torque, state->radius[k], bound);
     }
     for (int32_t k = 0; k < KNOTS; ++k) {
         const float before_x = (k == 0) ? state->begun[0][3] : state->a[0][k - 1];
@@ -481,16 +458,14 @@ static void pass_knot(struct ballbot_planner_state *state)
     for (int32_t k = 0; k < FREE; ++k) {
         for (int32_t j = 0; j < 2; ++j) {
             state->a[j][k] = state->a[j][k + 1];
+            state->torque[k][j] = state->torque[k + 1][j];
+            state->torque_z[k][j] = state->torque_z[k + 1][j];
             state->change[k][j] = state->change[k + 1][j];
             state->change_z[k][j] = state->change_z[k + 1][j];
             state->speed[k][j] = state->speed[k + 1][j];
             state->speed_z[k][j] = state->speed_z[k + 1][j];
             state->way[k][j] = state->way[k + 1][j];
             state->way_z[k][j] = state->way_z[k + 1][j];
-        }
-        for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
-            state->torque[k][i] = state->torque[k + 1][i];
-            state->torque_z[k][i] = state->torque_z[k + 1][i];
         }
     }
     for (int32_t j = 0; j < 2; ++j) {
@@ -538,7 +513,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
         state->last[1] = wanted.y;
     }
     notice(own, state, wanted);
-    lose(law, memory, ahead->a);
+    state->catching -= state->catching / (LASTING * own->rate + 1.0f);
     const struct ballbot_pair away = { wanted.x - state->place[0] - state->place_rest[0],
         wanted.y - state->place[1] - state->place_rest[1] };
     const int32_t phase = state->since / own->every;
