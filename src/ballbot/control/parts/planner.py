@@ -186,7 +186,7 @@ class PlannerState:
     y: NDArray[np.float64] = field(metadata=number("m", KNOTS, 2))
     free_v: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
     free_y: NDArray[np.float64] = field(metadata=number("m", KNOTS, 2))
-    none: NDArray[np.float64] = field(metadata=number("m/s^2", 2, KNOTS))
+    none: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS))
     start: NDArray[np.float64] = field(metadata=number("1", 2, _FREE))
     pull: NDArray[np.float64] = field(metadata=number("1", KNOTS))
     ahead: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS))
@@ -217,7 +217,7 @@ def plan_motion(law, memory, pose, ahead, wanted):
     )
     phase = state.since // own.every
     if phase * own.every == state.since:
-        state.solving = 0 if _is_still(own, state, away) else 1
+        state.solving = 0 if _is_still(state, away) else 1
         if state.solving == 0:
             _rest(state, wanted.x, wanted.y)
         else:
@@ -268,7 +268,7 @@ def _rest(state, x, y):
 
 
 @inlined
-def _is_still(own, state, away):
+def _is_still(state, away):
     """Return whether plan and reference are at rest at one place."""
     still = abs(away.x) < _STILL and abs(away.y) < _STILL
     for j in range(2):
@@ -306,7 +306,7 @@ def _begin(own, state, phase, a, turn, away):
         state.begun[j, 0] = -0.5 * own.square * (state.lead[j] + state.lag[j])
         state.begun[j, 1], state.begun[j, 2], state.begun[j, 3] = state.motion[j], state.lag[j], state.now[j]
         state.needs[j] = state.lead[j] - own.late[phase] * state.now[j]
-        _see(own, state, phase, j, state.a, state.v, state.y)
+        _see(own, state, phase, j, state.a[j], state.v, state.y)
         _see(own, state, phase, j, state.none, state.free_v, state.free_y)
     _resist(own, state, phase, a, turn)
     _aim(own, state, phase, away)
@@ -319,14 +319,14 @@ def _solve(own, state, phase):
         for j in range(2):
             _pull(own, state, phase, j)
             _step(own, state, phase, j)
-            _see(own, state, phase, j, state.a, state.v, state.y)
+            _see(own, state, phase, j, state.a[j], state.v, state.y)
         _limit(own, state, phase)
 
 
 @inlined
-def _see(own, state, phase, j, inputs, v, y):
+def _see(own, state, phase, j, a, v, y):
     """Fill the velocities and the ball's places at the knots for an axis's a."""
-    a, lead, p = inputs[j], state.ahead, own.falling
+    lead, p = state.ahead, own.falling
     lead[KNOTS - 1] = 0.0
     for k in range(KNOTS - 2, -1, -1):
         lead[k] = own.kept[PHASES] * lead[k + 1] + own.late[PHASES] * a[k] + own.early[PHASES] * a[k + 1]
@@ -612,6 +612,7 @@ class Planner(Part):
     record = PlannerRecord
     state = PlannerState
     needs: ClassVar[Mapping[str, str]] = {
+        "shaping": "it shapes the heading",
         "feed_forward": "motions as fast as the motors allow need their lean and torques"
     }
 

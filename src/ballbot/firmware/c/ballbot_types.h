@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "417839b2a817d54c28a941359a0bb2d681a2ee757296dcecc651e4091f37a80a"
+#define BALLBOT_SCHEMA_DIGEST "62a804e5769fc7800deaddf5a72e8b963e013284a65a4b03352ddad745f4a434"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1098398130, 672650572, 682180917, 436974294, 27455093, 1922489580, 1179771913, 523741194 }
+#define BALLBOT_SCHEMA_WORDS { 1655178469, 1990182784, 233496053, 657361814, 1040265860, 643451651, 892197591, 1173660724 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -417,7 +417,7 @@ struct ballbot_planner_state {
     float y[24][2]; /* [m] */
     float free_v[24][2]; /* [m/s] */
     float free_y[24][2]; /* [m] */
-    float none[2][24]; /* [m/s^2] */
+    float none[24]; /* [m/s^2] */
     float start[2][23]; /* [1] */
     float pull[24]; /* [1] */
     float ahead[24]; /* [m/s^2] */
@@ -426,7 +426,7 @@ struct ballbot_planner_state {
     float drag[24][2]; /* [m/s^2] */
     float radius[24]; /* [m/s^2] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 926u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 902u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -495,7 +495,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1482u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1458u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -542,7 +542,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1809u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1785u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -150,8 +150,7 @@ static void notice(const struct ballbot_planner_record *own, struct ballbot_plan
 }
 
 /* Return whether plan and reference are at rest at one place. */
-static bool is_still(const struct ballbot_planner_record *own, const struct ballbot_planner_state *state,
-        struct ballbot_pair away)
+static bool is_still(const struct ballbot_planner_state *state, struct ballbot_pair away)
 {
     bool still = ballbot_magnitude(away.x) < STILL && ballbot_magnitude(away.y) < STILL;
 
@@ -167,9 +166,8 @@ static bool is_still(const struct ballbot_planner_record *own, const struct ball
 
 /* Fill the velocities and the ball's places at the knots for an axis's a. */
 static void see(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
-        int32_t j, const float inputs[2][24], float v[24][2], float y[24][2])
+        int32_t j, const float a[24], float v[24][2], float y[24][2])
 {
-    const float *a = inputs[j];
     float *lead = state->ahead;
     const float p = own->falling;
 
@@ -308,7 +306,7 @@ static void begin(const struct ballbot_planner_record *own, struct ballbot_plann
         state->begun[j][2] = state->lag[j];
         state->begun[j][3] = state->now[j];
         state->needs[j] = state->lead[j] - own->late[phase] * state->now[j];
-        see(own, state, phase, j, state->a, state->v, state->y);
+        see(own, state, phase, j, state->a[j], state->v, state->y);
         see(own, state, phase, j, state->none, state->free_v, state->free_y);
     }
     resist(own, state, phase, a, turn);
@@ -433,7 +431,7 @@ static void solve(const struct ballbot_planner_record *own, struct ballbot_plann
         for (int32_t j = 0; j < 2; ++j) {
             pull(own, state, phase, j);
             step(own, state, phase, j);
-            see(own, state, phase, j, state->a, state->v, state->y);
+            see(own, state, phase, j, state->a[j], state->v, state->y);
         }
         limit(own, state, phase);
     }
@@ -519,7 +517,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
     const int32_t phase = state->since / own->every;
 
     if (phase * own->every == state->since) {
-        state->solving = is_still(own, state, away) ? 0 : 1;
+        state->solving = is_still(state, away) ? 0 : 1;
         if (state->solving == 0) {
             rest(state, wanted.x, wanted.y);
         } else {
