@@ -10,7 +10,7 @@ is one linear condition on a, which takes the place of a long horizon. a is line
 where they are in time; every few samples the plan is made again from where it has come to:
 
     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
-    the largest wheel's torque, less friction, within its limit
+    the largest wheel's torque, less friction and what lasting disturbances take, within its limit
     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
 
 The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
@@ -75,7 +75,7 @@ _GIVEN = 0.5
 _FAST = 1.5
 #: fraction of the largest acceleration up to which a reference's bend counts
 _BEND = 0.34375
-#: time to come back from catching itself [s], and the least fraction of the torque meanwhile
+#: lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
 _LASTING, _LEAST_LEFT = 1.0, 0.25
 #: wheel speed over which friction turns from one sign to the other [rad/s]
 _CREEPING = 0.5
@@ -129,6 +129,7 @@ class PlannerRecord:
     dry: float = field(metadata=number("m/s^2"))
     turning: float = field(metadata=number("m/s^2"))
     worst: float = field(metadata=number("1"))
+    torque: float = field(metadata=number("1/(kg m)"))
     weight: NDArray[np.float64] = field(metadata=number("1", 4))
     force: NDArray[np.float64] = field(metadata=number("1", 4))
     change: float = field(metadata=number("m/s^2"))
@@ -168,7 +169,8 @@ class PlannerState:
     last: NDArray[np.float64] = field(metadata=number("m", 2))
     reference: NDArray[np.float64] = field(metadata=number("m/s", 2))
     bend: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
-    #: 1 while the robot catches itself
+    #: what lasting disturbances take of a, and 1 while the robot catches itself
+    lost: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
     catching: float = field(metadata=number("1"))
     #: whether a plan is being made, from where: W, W', f, a and what b needs; the way since; the wall: its direction,
     #: place and speed
@@ -211,7 +213,7 @@ def plan_motion(law, memory, pose, ahead, wanted):
         _rest(state, pose.x + ahead.state.x, pose.y + ahead.state.y)
         state.last[0], state.last[1] = wanted.x, wanted.y
     _notice(own, state, wanted)
-    state.catching -= state.catching / (_LASTING * own.rate + 1.0)
+    _lose(law, memory, ahead.a)
     away = Pair(
         wanted.x - state.place[0] - state.place_rest[0], wanted.y - state.place[1] - state.place_rest[1]
     )
@@ -296,6 +298,24 @@ def _notice(own, state, wanted):
 
 
 @inlined
+def _lose(law, memory, a):
+    """Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself."""
+    own, state, sums = law.planner, memory.planner, memory.integral.sums
+    share, lost_x, lost_y = 1.0 / (_LASTING * own.rate + 1.0), 0.0, 0.0
+    I = turned(a, sums[0], sums[1])  # noqa: E741 (as in `ballbot.control.parts.integral`)
+    for i in range(own.wheels):
+        gain, more = law.integral.gain[i], memory.tuning.integral[i]
+        by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y
+        lost = memory.disturbance_observer.estimate[i] + by_place
+        lost_x += own.torque * own.frame[i, 0] * lost
+        lost_y += own.torque * own.frame[i, 1] * lost
+    world = turned_back(a, lost_x, lost_y)
+    state.lost[0] += share * (world.x - state.lost[0])
+    state.lost[1] += share * (world.y - state.lost[1])
+    state.catching -= share * state.catching
+
+
+@inlined
 def _begin(own, state, phase, a, turn, away):
     """Begin a new plan, from the last one."""
     for j in range(2):
@@ -359,7 +379,7 @@ def _resist(own, state, phase, a, turn):
             share = abs(own.frame[i, 0] * force.x + own.frame[i, 1] * force.y)
             largest = max(largest, share / size if size > _STILL_FORCE else own.worst)
         drag = turned_back(at, drag_x, drag_y)
-        state.drag[k, 0], state.drag[k, 1] = drag.x, drag.y
+        state.drag[k, 0], state.drag[k, 1] = drag.x + state.lost[0], drag.y + state.lost[1]
         state.radius[k] = state.most / largest
 
 
@@ -613,7 +633,7 @@ class Planner(Part):
     state = PlannerState
     needs: ClassVar[Mapping[str, str]] = {
         "shaping": "it shapes the heading",
-        "feed_forward": "motions as fast as the motors allow need their lean and torques"
+        "feed_forward": "motions as fast as the motors allow need their lean and torques",
     }
 
     torque_limit: float = parameter("of a wheel, for motions and friction", "N m", least=1e-12, most=1e12)
@@ -655,6 +675,7 @@ class Planner(Part):
             viscous=float(np.mean(robot.friction.viscous)) / size,
             dry=float(np.mean(robot.friction.coulomb)) / size,
             turning=float(np.abs(needed.by_turning).max()) / size,
+            torque=1.0 / size,
             worst=float(np.linalg.norm(needed.by_second, axis=1).max()) / size,
             weight=np.array(_WEIGHTS),
             force=largest * np.array(_FORCES),

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "62a804e5769fc7800deaddf5a72e8b963e013284a65a4b03352ddad745f4a434"
+#define BALLBOT_SCHEMA_DIGEST "95f9d204e4c73033afe77cc9439ae14b131f170adcf76474d614322fc662c445"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1655178469, 1990182784, 233496053, 657361814, 1040265860, 643451651, 892197591, 1173660724 }
+#define BALLBOT_SCHEMA_WORDS { 368693764, 1690775603, 803699913, 1134223691, 320804618, 1559716980, 1444164143, 1180877893 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -121,6 +121,7 @@ struct ballbot_planner_record {
     float dry; /* [m/s^2] */
     float turning; /* [m/s^2] */
     float worst; /* [1] */
+    float torque; /* [1/(kg m)] */
     float weight[BALLBOT_MAX_WHEELS]; /* [1] */
     float force[BALLBOT_MAX_WHEELS]; /* [1] */
     float change; /* [m/s^2] */
@@ -130,7 +131,7 @@ struct ballbot_planner_record {
     float delay; /* [s] */
     float late_reference; /* [1] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2918u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2919u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -234,7 +235,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4338u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4339u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -287,7 +288,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4440u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4441u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -405,6 +406,7 @@ struct ballbot_planner_state {
     float last[2]; /* [m] */
     float reference[2]; /* [m/s] */
     float bend[2]; /* [m/s^2] */
+    float lost[2]; /* [m/s^2] */
     float catching; /* [1] */
     int32_t solving;
     float begun[2][4]; /* [m] */
@@ -426,7 +428,7 @@ struct ballbot_planner_state {
     float drag[24][2]; /* [m/s^2] */
     float radius[24]; /* [m/s^2] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 902u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 904u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -495,7 +497,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1458u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1460u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -542,7 +544,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1785u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1787u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

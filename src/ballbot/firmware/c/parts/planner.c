@@ -13,7 +13,7 @@
  * where they are in time; every few samples the plan is made again from where it has come to:
  *
  *     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
- *     the largest wheel's torque, less friction, within its limit
+ *     the largest wheel's torque, less friction and what lasting disturbances take, within its limit
  *     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
  *
  * The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
@@ -34,7 +34,8 @@
 #define ROUNDING 0.001f
 /* fraction of the largest acceleration up to which a reference's bend counts */
 #define BEND 0.34375f
-/* time to come back from catching itself [s], and the least fraction of the torque meanwhile */
+/* lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque
+ * meanwhile */
 #define LASTING 1.0f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL 2e-06f
@@ -43,7 +44,8 @@
 #define STILL_FORCE 1e-04f
 /* rate [rad/s] and angle [rad] from which the heading turns */
 #define TURNING 0.01f
-/* time to come back from catching itself [s], and the least fraction of the torque meanwhile */
+/* lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque
+ * meanwhile */
 #define LEAST_LEFT 0.25f
 /* knots of the horizon, and plans from one to the next */
 #define PHASES 4
@@ -149,6 +151,33 @@ static void notice(const struct ballbot_planner_record *own, struct ballbot_plan
     state->last[1] = wanted.y;
 }
 
+/* Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself. */
+static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
+{
+    const struct ballbot_planner_record *own = &law->planner;
+    struct ballbot_planner_state *state = &memory->planner;
+    const float *sums = memory->integral.sums;
+    const float share = 1.0f / (LASTING * own->rate + 1.0f);
+    float lost_x = 0.0f;
+    float lost_y = 0.0f;
+    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
+
+    for (int32_t i = 0; i < own->wheels; ++i) {
+        const float *gain = law->integral.gain[i];
+        const float *more = memory->tuning.integral[i];
+        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
+        const float lost = memory->disturbance_observer.estimate[i] + by_place;
+
+        lost_x += own->torque * own->frame[i][0] * lost;
+        lost_y += own->torque * own->frame[i][1] * lost;
+    }
+    const struct ballbot_pair world = ballbot_turned_back(a, lost_x, lost_y);
+
+    state->lost[0] += share * (world.x - state->lost[0]);
+    state->lost[1] += share * (world.y - state->lost[1]);
+    state->catching -= share * state->catching;
+}
+
 /* Return whether plan and reference are at rest at one place. */
 static bool is_still(const struct ballbot_planner_state *state, struct ballbot_pair away)
 {
@@ -222,8 +251,8 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
         }
         const struct ballbot_pair drag = ballbot_turned_back(at, drag_x, drag_y);
 
-        state->drag[k][0] = drag.x;
-        state->drag[k][1] = drag.y;
+        state->drag[k][0] = drag.x + state->lost[0];
+        state->drag[k][1] = drag.y + state->lost[1];
         state->radius[k] = state->most / largest;
     }
 }
@@ -511,7 +540,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
         state->last[1] = wanted.y;
     }
     notice(own, state, wanted);
-    state->catching -= state->catching / (LASTING * own->rate + 1.0f);
+    lose(law, memory, ahead->a);
     const struct ballbot_pair away = { wanted.x - state->place[0] - state->place_rest[0],
         wanted.y - state->place[1] - state->place_rest[1] };
     const int32_t phase = state->since / own->every;
