@@ -75,7 +75,7 @@ _GIVEN = 0.5
 _FAST = 1.5
 #: fraction of the largest acceleration up to which a reference's bend counts
 _BEND = 0.34375
-#: lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
+#: lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
 _LASTING, _LEAST_LEFT = 1.0, 0.25
 #: wheel speed over which friction turns from one sign to the other [rad/s]
 _CREEPING = 0.5
