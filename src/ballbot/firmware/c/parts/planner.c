@@ -34,8 +34,7 @@
 #define ROUNDING 0.001f
 /* fraction of the largest acceleration up to which a reference's bend counts */
 #define BEND 0.34375f
-/* lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque
- * meanwhile */
+/* lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile */
 #define LASTING 1.0f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL 2e-06f
@@ -44,8 +43,7 @@
 #define STILL_FORCE 1e-04f
 /* rate [rad/s] and angle [rad] from which the heading turns */
 #define TURNING 0.01f
-/* lag of lasting disturbances, time to come back from catching itself [s], and the least fraction of the torque
- * meanwhile */
+/* lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile */
 #define LEAST_LEFT 0.25f
 /* knots of the horizon, and plans from one to the next */
 #define PHASES 4
