@@ -205,11 +205,11 @@ def test_with_the_cap_raised_a_robot_drives_at_what_its_motors_have(name: str):
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_nominal_gain_is_little_faster_than_the_robot_falls(name):
+def test_nominal_gain_is_at_most_twice_as_fast_as_the_robot_falls(name):
     robot = as_robot(name)
     falling = np.linalg.eigvals(frictionless_model(robot).linearize().A).real.max()
     by_rule, fixed = design_gain(robot), design_gain(robot, torque_weight=30.0)
-    assert np.abs(by_rule.poles).max() <= 1.5 * falling
+    assert np.abs(by_rule.poles).max() <= 2.0 * falling
     # the frozen gain where it is slow enough, as on all presets but the light robot with strong motors
-    assert (np.abs(fixed.poles).max() > 1.5 * falling) == (name == "rob311")
+    assert (np.abs(fixed.poles).max() > 2.0 * falling) == (name == "rob311")
     assert np.array_equal(by_rule.gain, fixed.gain) == (name != "rob311")
