@@ -12,6 +12,7 @@ from ballbot.errors import InputError
 from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import (
+    BY_NAME,
     QUANTITIES,
     Bounds,
     Layout,
@@ -22,7 +23,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES
-from ballbot.mechanics.geometry import rotation
+from ballbot.mechanics.geometry import rotation, wheel_load
 from ballbot.robot.variations import draw_robots
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
@@ -264,3 +265,13 @@ def test_heading_error_unseen_by_the_wheels_is_reported():
     assert share == pytest.approx(0.4, abs=0.01)
     (finding,) = heading_findings([share, None], excluded_states=(), estimated=())
     assert finding.text.startswith("The wheels show only 40 % of the turning of the heading")
+
+
+def test_usual_friction_of_heavy_robots_grows_with_the_load_of_a_wheel_and_light_ones_keep_it():
+    light, heavy = Robot.load("rob311"), Robot.load("cmu")
+    load = wheel_load(heavy) * heavy.wheels.radius
+    for name in ("viscous", "coulomb", "stribeck"):
+        usual = BY_NAME[name].limits(light)[:, 1]
+        np.testing.assert_allclose(usual, BY_NAME[name].bounds[1])
+        # the usual friction is stated for 5 N m of load times radius
+        np.testing.assert_allclose(BY_NAME[name].limits(heavy)[:, 1], usual[0] * load / 5.0)

@@ -198,7 +198,7 @@ def test_accelerations_of_sliding_robots_equal_the_engine_s(engine):
             slider.start(state, slip)
             rates.append((slider.steps(u)[5:] - state[5:]) / step)
             assert_array_equal(slider.slip[:3][slip[:3] == 0.0], 0.0)
-        # extrapolated to h = 0: what is left is of order h^2, 4e-6 at worst where the Stribeck curve is steep
+        # extrapolated to h = 0: the remaining error is of order h^2, at most 4e-6, where the Stribeck curve is steep
         assert_allclose(2.0 * rates[0] - rates[1], expected, atol=1e-5 * np.abs(expected).max())
         compared += 1
 

@@ -44,7 +44,7 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
 
 
 #: largest traction of a wheel over its load at rest, if the grip is unknown: beyond it a stiff controller spins its
-#: wheels in a fall. A fall unloads wheels: most presets' need a grip of 0.5 for it (`traction_torque`)
+#: wheels in a fall. A fall unloads wheels: most presets need a grip of 0.5 for it (`traction_torque`)
 GRIP_FRACTION = 0.4
 #: standard deviations by which the grip may be less than the robot file states
 _GRIP_DEVIATIONS = 2.0

@@ -55,7 +55,7 @@ def design_gain(
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
     plain, viscous = frictionless_model(robot).linearize(), Model(robot).linearize()
-    falling = float(np.linalg.eigvals(plain.A).real.max())
+    falling = float(plain.poles().real.max())
     weights = np.full(robot.wheel_count, NOMINAL_TORQUE_WEIGHT if torque_weight is None else torque_weight)
     design = lqr(plain, state_weights, weights, sample_time=time)
     while torque_weight is None and np.abs(design.poles).max() > FASTEST * falling:

@@ -149,7 +149,7 @@ def mark_slips(selected, work, width):
 
 
 class SlipProblem(NamedTuple):
-    """The forces sought are law(K f + k); a block's law is given three numbers, the last of them its limit."""
+    """The equation f = law(K f + k) of the forces f. Each block's law takes three numbers, the last one its limit."""
 
     K: tuple
     k: tuple
@@ -258,7 +258,7 @@ def _problem(selected, work, lane, start, at):
     none = no_forces(selected)
     rates = _accelerations(selected, step, none)
     speeds = _speeds(selected, step, advanced(start[0], rates, h))
-    # what is there without the forces sought is left out of their responses
+    # responses to unit forces alone: weight, friction and velocities are zero
     still = step.system._replace(f_v=(0.0, 0.0))
     P = step.P._replace(weight=_ZEROS, pivoting=0.0)
     bare = step._replace(P=P, system=still, f_w=_ZEROS, brake=_ZEROS, w=_ZEROS, body=_ZEROS)
