@@ -33,8 +33,8 @@ NOMINAL_TORQUE_WEIGHT = 30.0
 #: Robots such as rob311 had 3.3 to 4.5: with 1 to 2 degrees of play their lean rates swung by 0.2 rad/s, and some fell;
 #: with 2 none of 18 did. With 1.5 they swing less, but rob311 fell in 6 of 6 runs with the nominal scenario's friction
 FASTEST = 2.0
-#: the same, up to which the wheels' play does not shake the on-board state. With 2, the studies of three of seven robots
-#: found no friction in logs of that state, and of all seven in those of the filter's
+#: the same, up to which the wheels' play does not shake the on-board state. With 2, the studies of three of seven
+#: robots found no friction in logs of that state, and of all seven in those of the filter's
 SMOOTH = 1.4
 #: part of the torque that must do for balance. A design without friction does with half (0.50 at most on the presets,
 #: with the nominal scenario's friction); robots whose loop is lost with more fell, of dry friction
