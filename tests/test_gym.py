@@ -26,7 +26,7 @@ MODES = [mode.value for mode in AutoresetMode]
 def test_gymnasiums_checker_passes_without_a_warning(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gymnasium.make(name).unwrapped, skip_render_check=True)  # which needs a screen
+        check_env(gymnasium.make(name).unwrapped, skip_render_check=True)  # OpenGL may be missing
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import Twins, twin_scenario
 from ballbot.robot import RobotLike, as_robot
-from ballbot.twin.picture import Picture, Window
+from ballbot.twin.picture import Picture
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 
@@ -140,8 +140,8 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
     ((19,), (10,))
     """
 
-    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 100}  # noqa: RUF012 (Gymnasium's)
-    #: "rgb_array" for pictures (`render`), "human" for a window
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 (Gymnasium's)
+    #: "rgb_array" for pictures (`render`); Gymnasium shows them for "human"
     render_mode: str | None = None
 
     def __post_init__(self) -> None:
@@ -154,7 +154,6 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
         self.observation_space, self.action_space = self._seen, self._done
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.contract.period)}
         self._picture = Picture(self.robot) if self.render_mode == "rgb_array" else None
-        self._window = Window(self.robot, self.contract.period) if self.render_mode == "human" else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -165,7 +164,7 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
         if seed is not None or drawn:
             self._lanes.reseed(0, int(self.np_random.integers(2**62)) if seed is None else seed)
         self._lanes.start()
-        return self._lanes.observations[0].copy(), self._shown()
+        return self._lanes.observations[0].copy(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Hold the action's torques for `repeat` samples; return observation, reward, fallen, out of time, and info."""
@@ -177,18 +176,11 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
             float(lanes.rewards[0]),
             fallen,
             ended and not fallen,
-            self._shown(),
+            self._info(),
         )
 
-    def _shown(self) -> dict[str, Any]:
-        """Return `info`, which a window shows."""
-        info = self._info()
-        if self._window is not None:
-            self._window.show(info["truth"], info["reference"])
-        return info
-
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture (480, 480, 3) of the robot, with a mark where it should be; None in a window."""
+        """Return a picture (480, 480, 3) of the robot, with a mark where it should be; None without `render_mode`."""
         return (
             None
             if self._picture is None
@@ -198,9 +190,8 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
     def close(self, **_: object) -> None:
         """End the threads and what draws."""
         super().close()
-        for shown in (self._picture, self._window):
-            if shown is not None:
-                shown.close()
+        if self._picture is not None:
+            self._picture.close()
 
     def _info(self) -> dict[str, Any]:
         return {"truth": self._lanes.truths[0].copy(), "reference": self._lanes.references[0].copy()}

@@ -1,9 +1,7 @@
 """Pictures of a robot in MuJoCo's own rendering, from its ten states: what `render` of an environment returns."""
 
 import math
-import time
 import xml.etree.ElementTree as ET
-from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +21,6 @@ _DISTANCE, _AZIMUTH, _ELEVATION = 3.2, 130.0, -18.0
 _SQUARE, _FLOOR, _MARK = 0.5, ("0.80 0.82 0.85", "0.72 0.75 0.79"), (0.1, 0.5, 0.25, 1.0)
 
 
-#: what MuJoCo and the libraries below it raise without OpenGL
-_NO_OPENGL = (AttributeError, ImportError, RuntimeError)
 _SIZE = 480  #: height and width of a frame [px]
 
 
@@ -47,14 +43,16 @@ class Picture:
     """
 
     def __init__(self, robot: RobotLike) -> None:
-        self._shown = _Shown(as_robot(robot))
-        mujoco, shape = self._shown.mujoco, self._shown.shape
-        self._camera = mujoco.MjvCamera()
+        robot, self._mujoco = as_robot(robot), mujoco_module()
+        self._engine = Engine(_document(robot))
+        self._radius, self._top = robot.ball.radius, body_shape(robot.body).top
+        self._camera = self._mujoco.MjvCamera()  # pyright: ignore[reportAttributeAccessIssue]
         self._camera.azimuth, self._camera.elevation = _AZIMUTH, _ELEVATION
-        self._camera.distance = _DISTANCE * (self._shown.radius + shape.top)
+        self._camera.distance = _DISTANCE * (self._radius + self._top)
+        refused = (AttributeError, ImportError, RuntimeError, self._mujoco.FatalError)  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            self._renderer = mujoco.Renderer(self._shown.engine.model, _SIZE, _SIZE)
-        except (*_NO_OPENGL, mujoco.FatalError):
+            self._renderer = self._mujoco.Renderer(self._engine.model, _SIZE, _SIZE)
+        except refused:
             raise InputError(
                 "MuJoCo finds no OpenGL to draw with. On a computer without a screen, set the environment variable "
                 "MUJOCO_GL to egl (Debian: apt-get install libegl1) or to osmesa (apt-get install libosmesa6)."
@@ -62,75 +60,32 @@ class Picture:
 
     def frame(self, state: Floats, reference: Floats) -> NDArray[np.uint8]:
         """Return the picture (480, 480, 3) of a state (10,), with a mark at the place of a reference (10,)."""
-        shown = self._shown
-        shown.place(state)
-        self._camera.lookat[:] = *state[:2].tolist(), 0.5 * (shown.radius + shown.shape.top)
-        self._renderer.update_scene(shown.engine.data, self._camera)
-        shown.mark(self._renderer.scene, reference)
+        self._place(state)
+        self._camera.lookat[:] = *state[:2].tolist(), 0.5 * (self._radius + self._top)
+        self._renderer.update_scene(self._engine.data, self._camera)
+        self._mark(reference)
         return self._renderer.render()
 
     def close(self) -> None:
         """Free what MuJoCo draws with."""
         self._renderer.close()
 
-
-class Window:
-    """Shows states of a robot in MuJoCo's window, whose camera a person can turn.
-
-    Each state stands for a period [s] of real time. InputError if MuJoCo is not installed, or there is no screen.
-    """
-
-    def __init__(self, robot: RobotLike, period: float) -> None:
-        self._period, self._until = period, 0.0
-        self._shown = _Shown(as_robot(robot))
-        engine = self._shown.engine
-        try:
-            launched = import_module("mujoco.viewer").launch_passive
-            self._viewer = launched(engine.model, engine.data, show_left_ui=False, show_right_ui=False)
-        except _NO_OPENGL:
-            raise InputError('There is no screen for render_mode="human"; "rgb_array" needs none.') from None
-
-    def show(self, state: Floats, reference: Floats) -> None:
-        """Show a state (10,), with a mark at the place of a reference (10,)."""
-        with self._viewer.lock():
-            self._shown.place(state)
-            self._viewer.user_scn.ngeom = 0
-            self._shown.mark(self._viewer.user_scn, reference)
-        self._viewer.sync()
-        time.sleep(max(self._until - time.monotonic(), 0.0))
-        self._until = time.monotonic() + self._period
-
-    def close(self) -> None:
-        """Close the window."""
-        self._viewer.close()
-
-
-class _Shown:
-    """The robot as it is shown."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.mujoco = mujoco_module()
-        self.engine = Engine(_document(robot))
-        self.radius, self.shape = robot.ball.radius, body_shape(robot.body)
-
-    def place(self, state: Floats) -> None:
-        """Put ball and body where a state (10,) has them."""
-        (x, y), engine, mujoco = state[:2].tolist(), self.engine, self.mujoco
+    def _place(self, state: Floats) -> None:
+        (x, y), engine, mujoco = state[:2].tolist(), self._engine, self._mujoco
         ball, body = engine.position("ball"), engine.position("body")
-        ball[:3] = body[:3] = x, y, self.radius
-        mujoco.mju_mat2Quat(body[3:], rotation(*state[2:5].tolist()).ravel())
+        ball[:3] = body[:3] = x, y, self._radius
+        mujoco.mju_mat2Quat(body[3:], rotation(*state[2:5].tolist()).ravel())  # pyright: ignore[reportAttributeAccessIssue]
         # as if the ball had rolled there from the origin along the straight line
         way = math.hypot(x, y)
         axis = np.array([-y, x, 0.0]) / way if way else np.array([0.0, 0.0, 1.0])
-        mujoco.mju_axisAngle2Quat(ball[3:], axis, way / self.radius)
-        mujoco.mj_forward(engine.model, engine.data)
+        mujoco.mju_axisAngle2Quat(ball[3:], axis, way / self._radius)  # pyright: ignore[reportAttributeAccessIssue]
+        mujoco.mj_forward(engine.model, engine.data)  # pyright: ignore[reportAttributeAccessIssue]
 
-    def mark(self, scene, reference: Floats) -> None:  # MjvScene has no types
-        """Add a mark on the floor, where a reference (10,) is."""
-        x, y = reference[:2].tolist()
-        kind = self.mujoco.mjtGeom.mjGEOM_CYLINDER  # pyright: ignore[reportAttributeAccessIssue]
-        initialize = self.mujoco.mjv_initGeom  # pyright: ignore[reportAttributeAccessIssue]
-        size, middle = np.array([0.5 * self.radius, 1e-3, 0.0]), np.array([x, y, 1e-3])
+    def _mark(self, reference: Floats) -> None:
+        scene, (x, y) = self._renderer.scene, reference[:2].tolist()
+        kind = self._mujoco.mjtGeom.mjGEOM_CYLINDER  # pyright: ignore[reportAttributeAccessIssue]
+        initialize = self._mujoco.mjv_initGeom  # pyright: ignore[reportAttributeAccessIssue]
+        size, middle = np.array([0.5 * self._radius, 1e-3, 0.0]), np.array([x, y, 1e-3])
         turn, color = np.eye(3).ravel(), np.array(_MARK, np.float32)
         initialize(scene.geoms[scene.ngeom], kind, size, middle, turn, color)
         scene.ngeom += 1
