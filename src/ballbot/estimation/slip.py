@@ -22,7 +22,7 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import number, schema_of
 
 #: over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip
-_PIVOTS, _SLIPS = 12.0, 6.0
+PIVOTS, SLIPS = 12.0, 6.0
 #: time without slip after which the wheels count again, and the longest for which they are left out [s]: after pushes
 #: they slip for up to half a second, by turns. With 25 ms a part of a slip passes; 100 ms miss too much of a push
 _STEADY, _LONGEST = 0.04, 1.0
@@ -77,8 +77,8 @@ def without_slip(record, memory, pivoted, x, gyro, turned):
     left = -record.radius * ball.x - (x[S + 1] - lever_speed(record.lever, 1, w_x, w_y, w_z))
     of_pivoting = (record.variances[PIVOTING_SEEN] + record.pivoting_variance * pivoted) ** 0.5
     memory.unknown = 0.0
-    slips = memory.lasting > 0.0 or _size(forward, left) > _SLIPS * deviation
-    if slips and abs(ball.z) > _PIVOTS * of_pivoting and memory.lasting < _LONGEST - 0.5 * h:
+    slips = memory.lasting > 0.0 or _size(forward, left) > SLIPS * deviation
+    if slips and abs(ball.z) > PIVOTS * of_pivoting and memory.lasting < _LONGEST - 0.5 * h:
         if memory.lasting == 0.0:  # what a push gave that does not count as one yet
             memory.unknown = _PUSHED * deviation * _PUSHED * deviation
         memory.left_out = _STEADY

@@ -7,8 +7,8 @@
  * faster than lean and momentum let expect. From then on the wheels are left out, until the ball has not pivoted for a
  * while: which of them slip changes from sample to sample, two often slip together, and the ball pivots under them. The
  * momentum stays known from the lean but for what a push gave it just before or meanwhile, so it becomes unknown by that
- * much; the filter has position and momentum correlated, and once the wheels roll again they correct both. A push changes the speed and
- * leaves Omega_z as it is: the wheels are then followed at once.
+ * much; the filter knows position and momentum together, and once the wheels roll again they correct both. A push changes
+ * the speed and leaves Omega_z as it is: the wheels are then followed at once.
  *
  * Two wheels that slip such that Omega_z stays zero look like a push, and a ball that slides on the floor is not seen. The
  * firmware's C is written from this file (tests.support.firmware_law).
