@@ -21,8 +21,9 @@ from ballbot.estimation.swing import lever_speed, root_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import number, schema_of
 
-#: over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip
-PIVOTS, SLIPS = 12.0, 6.0
+#: over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip. Play of 2 degrees
+#: makes both 12 by itself at times, on ordinary courses; with more of either a part of a slip passes
+PIVOTS, SLIPS = 14.0, 14.0
 #: time without slip after which the wheels count again, and the longest for which they are left out [s]: after pushes
 #: they slip for up to half a second, by turns. With 25 ms a part of a slip passes; 100 ms miss too much of a push
 _STEADY, _LONGEST = 0.04, 1.0
@@ -79,8 +80,8 @@ def without_slip(record, memory, pivoted, x, gyro, turned):
     memory.unknown = 0.0
     slips = memory.lasting > 0.0 or _size(forward, left) > SLIPS * deviation
     if slips and abs(ball.z) > PIVOTS * of_pivoting and memory.lasting < _LONGEST - 0.5 * h:
-        if memory.lasting == 0.0:  # what a push gave that does not count as one yet
-            memory.unknown = _PUSHED * deviation * _PUSHED * deviation
+        if memory.lasting == 0.0:  # what a push gave that was not one yet, and what of the slip was taken in
+            memory.unknown = ((_PUSHED + SLIPS) * deviation) ** 2
         memory.left_out = _STEADY
     if memory.left_out > 0.5 * h:
         memory.left_out -= h
