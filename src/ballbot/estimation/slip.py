@@ -80,8 +80,10 @@ def without_slip(record, memory, pivoted, x, gyro, turned):
     memory.unknown = 0.0
     slips = memory.lasting > 0.0 or _size(forward, left) > SLIPS * deviation
     if slips and abs(ball.z) > PIVOTS * of_pivoting and memory.lasting < _LONGEST - 0.5 * h:
-        if memory.lasting == 0.0:  # what a push gave that was not one yet, and what of the slip was taken in
-            memory.unknown = ((_PUSHED + SLIPS) * deviation) ** 2
+        if memory.lasting == 0.0:
+            # what a push gave that was not one yet, and what of the slip was taken in
+            hidden = (_PUSHED + SLIPS) * deviation
+            memory.unknown = hidden * hidden
         memory.left_out = _STEADY
     if memory.left_out > 0.5 * h:
         memory.left_out -= h

@@ -17,10 +17,12 @@
 
 #include "estimation/swing.h"
 
-/* over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip */
-#define SLIPS 6.0f
-/* over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip */
-#define PIVOTS 12.0f
+/* over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip. Play of 2 degrees
+ * makes both 12 by itself at times, on ordinary courses; with more of either a part of a slip passes */
+#define SLIPS 14.0f
+/* over their deviations, Omega_z and the ball's speed beyond that expected from which wheels slip. Play of 2 degrees
+ * makes both 12 by itself at times, on ordinary courses; with more of either a part of a slip passes */
+#define PIVOTS 14.0f
 /* time without slip after which the wheels count again, and the longest for which they are left out [s]: after
  * pushes they slip for up to half a second, by turns. With 25 ms a part of a slip passes; 100 ms miss too much of a
  * push */
@@ -83,7 +85,10 @@ struct ballbot_angular_velocity ballbot_without_slip(const struct ballbot_kalman
 
     if (slips && ballbot_magnitude(ball.z) > PIVOTS * of_pivoting && memory->lasting < LONGEST - 0.5f * h) {
         if (memory->lasting == 0.0f) {
-            memory->unknown = PUSHED * deviation * PUSHED * deviation;
+            /* what a push gave that was not one yet, and what of the slip was taken in */
+            const float hidden = (PUSHED + SLIPS) * deviation;
+
+            memory->unknown = hidden * hidden;
         }
         memory->left_out = STEADY;
     }
