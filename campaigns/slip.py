@@ -33,7 +33,7 @@ from campaigns.section import Section, finished, share_words
 from campaigns.strangers import BASES, TUNING, stranger
 
 #: seeds by impulse [N s], and directions, evenly spread
-SEEDS, DIRECTIONS = {30.0: range(10), 15.0: range(3)}, 8
+SEEDS, DIRECTIONS = {30.0: range(10), 15.0: range(10)}, 8
 #: of a push: when, for how long [s], and how far above the ball's centre [m]; a run ends once the robot is back
 BEGINS, LASTS, HEIGHT, ENDS = 1.0, 0.1, 0.4, 5.0
 #: distance of the estimated position from the true one that is aimed at [m]
@@ -136,7 +136,7 @@ def campaign() -> Section:
         title="Where a robot believes to stand after a push that makes its wheels slip",
         before=f"`alten` on the nominal twin, held by the precise controller; its file states a grip of 1 with a "
         f"deviation of 0.1. One push of {LASTS:g} s, {HEIGHT:g} m above the ball's centre, from each of {DIRECTIONS} "
-        f"directions, a seed each. The error is the distance of the estimated position from the true one "
+        f"directions, ten seeds. The error is the distance of the estimated position from the true one "
         f"{ENDS - BEGINS - 1.0:g} to {ENDS - BEGINS:g} s after the push; aimed at are {1e3 * CLOSE:g} mm in nine of "
         "ten. No sensor sees the ball slide on the floor: by so much the error would be with perfect wheels.",
         columns=[
