@@ -32,8 +32,8 @@ from ballbot.workflows.grid import Condition, GridRun, LoopRobot, grid_runs, run
 from campaigns.section import Section, finished, share_words
 from campaigns.strangers import BASES, TUNING, stranger
 
-#: seeds by impulse [N s], and directions, evenly spread
-SEEDS, DIRECTIONS = {30.0: range(10), 15.0: range(10)}, 8
+#: [N s]; of each, directions, evenly spread, and seeds
+IMPULSES, DIRECTIONS, SEEDS = (30.0, 15.0), 8, range(10)
 #: of a push: when, for how long [s], and how far above the ball's centre [m]; a run ends once the robot is back
 BEGINS, LASTS, HEIGHT, ENDS = 1.0, 0.1, 0.4, 5.0
 #: distance of the estimated position from the true one that is aimed at [m]
@@ -125,18 +125,17 @@ def campaign() -> Section:
     """Return the section of docs/generated/evidence.md on pushes."""
     runs = {
         f"{impulse:g}_{k}_{seed}": (impulse, k, seed)
-        for impulse, seeds in SEEDS.items()
-        for seed, k in product(seeds, range(DIRECTIONS))
+        for impulse, seed, k in product(IMPULSES, SEEDS, range(DIRECTIONS))
     }
     made = finished("slip", pushed, runs, packages=PACKAGES, workers=Processes(count=1))
     by_impulse = {
-        impulse: [one for name, one in made.items() if runs[name][0] == impulse] for impulse in SEEDS
+        impulse: [one for name, one in made.items() if runs[name][0] == impulse] for impulse in IMPULSES
     }
     return Section(
         title="Where a robot believes to stand after a push that makes its wheels slip",
         before=f"`alten` on the nominal twin, held by the precise controller; its file states a grip of 1 with a "
         f"deviation of 0.1. One push of {LASTS:g} s, {HEIGHT:g} m above the ball's centre, from each of {DIRECTIONS} "
-        f"directions, ten seeds. The error is the distance of the estimated position from the true one "
+        f"directions, {len(SEEDS)} seeds. The error is the distance of the estimated position from the true one "
         f"{ENDS - BEGINS - 1.0:g} to {ENDS - BEGINS:g} s after the push; aimed at are {1e3 * CLOSE:g} mm in nine of "
         "ten. No sensor sees the ball slide on the floor: by so much the error would be with perfect wheels.",
         columns=[
