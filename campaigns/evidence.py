@@ -39,6 +39,8 @@ CAMPAIGNS = {
     "convergence": "campaigns.convergence",
     "twin_observed": "campaigns.twin_observed",
     "estimation": "campaigns.estimation",
+    "slip": "campaigns.slip",
+    "slip_alarms": "campaigns.slip:false_alarms",
     "agreement": "campaigns.agreement",
     "strangers": "campaigns.strangers",
     "benchmark": "campaigns.benchmark",

@@ -89,7 +89,7 @@ def program() -> Program:
     made.add(swing.begin_filter, [_LEVER, values(swing.SwingTwist), _GYRO, _STATES])
     made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
     turning = values(onboard.AngularVelocity)
-    made.add(slip.without_slip, [record(KALMAN), record(slip.SLIP), REAL, _STATES, _GYRO, turning, WHOLE])
+    made.add(slip.without_slip, [record(KALMAN), record(slip.SLIP), REAL, _STATES, _GYRO, turning])
     made.add(known.are_known, [Type("float", ("",)), WHOLE])
     of_onboard = record(onboard.ONBOARD), record(onboard.ONBOARD_MEMORY)
     made.add(onboard.onboard_reset, [of_onboard[1], Type("float", ("2",))])

@@ -127,6 +127,12 @@ def test_the_ball_stays_in_the_corridor_of_a_path():
     np.testing.assert_allclose(plan.states[-1, :2], [0.0, 1.0], atol=1e-3)
 
 
+def test_grip_of_the_file_less_two_deviations_limits_a_move():
+    stated = replace(rough().replace({"wheels.grip": 0.9}), standard_deviations={"wheels.grip": 0.1})
+    assert default_limits(stated).grip == pytest.approx(0.7)
+    assert default_limits(rough()).grip == 1.0
+
+
 def test_an_infeasible_plan_names_the_limit_and_by_how_much():
     slippery = replace(default_limits(rough()), torque=6.0, grip=0.3)
     with pytest.raises(

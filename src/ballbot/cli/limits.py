@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result
+from ballbot.control.controller import certain_grip
 from ballbot.control.source import designed
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
@@ -21,7 +22,7 @@ def limits(
     robot: options.Robot,
     /,
     *controllers: str,
-    grip: options.Positive = 1.0,
+    grip: options.Positive | None = None,
     twin: bool = False,
     scenario: options.Scenario = "nominal",
     seed: options.Seed = 1,
@@ -44,7 +45,8 @@ def limits(
         As of ballbot check, several; none and full if not given. As in compare, LABEL=... renames one, and a trailing
         @kalman selects the estimator.
     grip
-        Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber.
+        Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber. If not given, the robot file's
+        less two deviations, or 1 if that is unknown.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
     """
@@ -52,7 +54,7 @@ def limits(
     chosen = {one.name: designed(one.controller(described), name=one.name) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    truth = load_scenario(scenario, described)
+    truth, grip = load_scenario(scenario, described), grip or certain_grip(described) or 1.0
     models, twins = dict[str, RobotLimits](), dict[str, Sequence[TwinLimit]]()
     with open_result(out, doing="limits", seed=seed) as result:
         for name, controller in chosen.items():

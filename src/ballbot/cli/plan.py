@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import Content, changed_robot, open_result
+from ballbot.control.controller import certain_grip
 from ballbot.control.file import controller_text
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
@@ -32,7 +33,7 @@ def plan(
     torque: options.Positive | None = None,
     lean: options.Positive = 20.0,
     speed: options.Positive | None = None,
-    grip: options.Positive = 1.0,
+    grip: options.Positive | None = None,
     reserve: float = 40.0,
     floor_grip: options.Positive = 1.0,
     pivot: options.Positive = 0.02,
@@ -75,7 +76,8 @@ def plan(
     speed
         Largest speed [m/s]; no limit but the motors' if not given.
     grip
-        Friction coefficient of the wheels on the ball.
+        Friction coefficient of the wheels on the ball. If not given, the robot file's less two deviations, or 1 if that
+        is unknown.
     reserve
         Part of a wheel's load at rest that holds no force of the motion [per cent]; a wheel with less slips.
     floor_grip
@@ -100,7 +102,7 @@ def plan(
         torque=chosen.torque_limit if torque is None else torque,
         lean=math.radians(lean),
         speed=math.inf if speed is None else speed,
-        grip=grip,
+        grip=grip or certain_grip(described) or 1.0,
         reserve=0.01 * reserve,
         floor_grip=floor_grip,
         pivot=pivot,

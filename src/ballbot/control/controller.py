@@ -69,6 +69,17 @@ def wheel_turns(robot: Robot) -> float:
     return float(np.linalg.norm(frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2], axis=1).max())
 
 
+def certain_grip(robot: Robot) -> float:
+    """Return `wheels.grip` less two standard deviations; 0 if the grip is unknown, or its deviation too large.
+
+    >>> certain_grip(Robot.load("alten").replace({"wheels.grip": 0.8}))
+    0.8
+    """
+    deviation = robot.standard_deviations.get("wheels.grip", 0.0)
+    assert isinstance(deviation, float)
+    return max(robot.wheels.grip - _GRIP_DEVIATIONS * deviation, 0.0)
+
+
 def grip_torque_limit(robot: Robot) -> float:
     """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit.
 
@@ -76,12 +87,9 @@ def grip_torque_limit(robot: Robot) -> float:
     """
     friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
     traction = GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius
-    deviation = robot.standard_deviations.get("wheels.grip", 0.0)
-    assert isinstance(deviation, float)
-    certain = robot.wheels.grip - _GRIP_DEVIATIONS * deviation
-    if certain > 0.0:  # else it counts as unknown
+    if certain := certain_grip(robot):
         known = traction_torque(frictionless_model(robot), certain)
-        traction = known if deviation > 0.0 else min(known, traction)
+        traction = known if robot.standard_deviations.get("wheels.grip") else min(known, traction)
     return min(robot.drive.torque_limit, traction + friction)
 
 

@@ -43,8 +43,6 @@ from ballbot.records import MAX_WHEELS, Schema, number, schema_of, whole
 _WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
-#: variance of Omega_z while a wheel slips [rad^2/s^2]
-_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +84,7 @@ def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
     memory.pivoting = memory.pivoted = 0.0
-    memory.slip.wheel, memory.slip.push = 0, 0.0
+    memory.slip.left_out = memory.slip.lasting = 0.0
     for k in range(2):
         memory.slip.faster[k] = 0.0
         memory.position[k] = position[k]
@@ -128,13 +126,13 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
     ball = ball_rate(ball_from_wheels, n, memory.speeds)
     if turned and memory.started == _RUNNING:
         record, x = row.view(KALMAN_TYPE)[0], state_in(filters, lane)
-        ball = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, ball, n)
+        ball = without_slip(record, memory.slip, memory.pivoted, x, memory.gyro, ball)
         for k in range(2):
-            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += memory.slip.push * memory.slip.push
+            filters[_place(COVARIANCE + DIAGONAL[S + k], lane)] += memory.slip.unknown
     _put(filters, _WHEELS, lane, turned, ball)
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))
     # the more the ball lately turned on the spot by the wheels, the less they correct the heading
-    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted if memory.slip.wheel == 0 else _UNKNOWN
+    pivoted = row[PIVOTING_VARIANCE] * memory.pivoted
     filters[_place(VARIANCES + PIVOTING_SEEN, lane)] = row[VARIANCES + PIVOTING_SEEN] + pivoted
     memory.missed = 0 if turned else memory.missed + 1
 
@@ -148,7 +146,7 @@ def see(row, filters, lane, memory, state):
         return
     if memory.started == _BEGUN:
         _begin(row, filters, lane, memory)  # here: `sample_block` moves all filters of a block on
-    elif memory.missed == 0 and memory.slip.wheel == 0:
+    elif is_known(filters[_place(PIVOTING, lane)]):
         memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
         memory.pivoted += row[PIVOTED_SHARE] * (memory.pivoting * memory.pivoting - memory.pivoted)
     memory.started = _RUNNING

@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "6b05c074acc69586249075b7a65e321c39ea91576a6015ceeb615010534674b6"
+#define BALLBOT_SCHEMA_DIGEST "85cdf15d05d681dee32e16ef12f081a6461be1125e3bf74fc96b37b1359a7e16"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1795539060, 751211910, 613447095, 643707420, 971673943, 1784681934, 1801539600, 1397126326 }
+#define BALLBOT_SCHEMA_WORDS { 97382749, 97944030, 1663964911, 317751718, 1176232210, 1580988239, 1231763377, 899317270 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -427,11 +427,12 @@ typedef char ballbot_onboard_memory_has_no_padding[(sizeof(struct ballbot_onboar
 
 /* What is known of slip and pushes; zeros at the start. */
 struct ballbot_slip_memory {
-    int32_t wheel;
-    float push; /* [m/s] */
+    float left_out; /* [s] */
+    float lasting; /* [s] */
+    float unknown; /* [m^2/s^2] */
     float faster[2]; /* [m/s] */
 };
-typedef char ballbot_slip_memory_has_no_padding[(sizeof(struct ballbot_slip_memory) == 4u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_slip_memory_has_no_padding[(sizeof(struct ballbot_slip_memory) == 5u * sizeof(float)) ? 1 : -1];
 
 /* What the Kalman filter remembers. */
 struct ballbot_kalman_memory {
@@ -446,7 +447,7 @@ struct ballbot_kalman_memory {
     float P[14][14]; /* [product of two states] */
     struct ballbot_slip_memory slip;
 };
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 239u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 240u * sizeof(float)) ? 1 : -1];
 
 /* All that changes while the robot runs. */
 struct ballbot_state {
@@ -459,7 +460,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 883u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 884u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -14,9 +14,6 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* Largest sum of the magnitudes of all states and variances; beyond it the filter is lost. */
 #define LARGEST 1.0e12f
 
-/* Variance of Omega_z while a wheel slips [rad^2/s^2] */
-#define UNKNOWN 1.0e6f
-
 /* Smallest fraction of a variance that a sample leaves; readings that no sensor gives could leave less */
 #define LEAST_KEPT 1.0e-6f
 
@@ -124,8 +121,8 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
     ballbot_begin_filter(record->lever, shown, gyro, memory->x);
     memory->pivoting = 0.0f;
     memory->pivoted = 0.0f;
-    memory->slip.wheel = 0;
-    memory->slip.push = 0.0f;
+    memory->slip.left_out = 0.0f;
+    memory->slip.lasting = 0.0f;
     memory->slip.faster[0] = 0.0f;
     memory->slip.faster[1] = 0.0f;
 }
@@ -182,31 +179,31 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
         seen.variance[k] = record->variances[k];
     }
     /* the more the ball lately turned on the spot by the wheels, the less they correct the heading */
-    seen.variance[PIVOTING_SEEN] += (memory->slip.wheel == 0) ? (record->pivoting_variance * memory->pivoted) : UNKNOWN;
+    seen.variance[PIVOTING_SEEN] += record->pivoting_variance * memory->pivoted;
     fix_of(memory, reading, fix, &seen.variance[FIX]);
     expected(record, memory->x, gyro, velocity, reading, wheels, attitude, fix, seen.residual, seen.h);
     for (int32_t k = 0; (memory->started != RUNNING) && (k < FIX); ++k) {
         seen.residual[k] = ballbot_not_a_number(); /* the start is made of the first reading; only a fix corrects it */
     }
     absorb(memory, &seen);
-    if (ballbot_is_known(seen.residual[PIVOTING_SEEN]) && (memory->slip.wheel == 0)) {
+    if (ballbot_is_known(seen.residual[PIVOTING_SEEN])) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
         memory->pivoted += record->pivoted_share * (memory->pivoting * memory->pivoting - memory->pivoted);
     }
 }
 
-/* Take off what a wheel slips by from the ball's turning by the wheels; a push makes the momentum unknown by so much. */
+/* Leave out the ball's turning by wheels that slip; what they and pushes hide makes the momentum unknown. */
 static void without_slip(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory,
-                         const float gyro[3], int32_t wheel_count, float wheels[3])
+                         const float gyro[3], float wheels[3])
 {
     const struct ballbot_angular_velocity turned = {wheels[0], wheels[1], wheels[2]};
     const struct ballbot_angular_velocity rolled =
-        ballbot_without_slip(record, &memory->slip, memory->pivoted, memory->x, gyro, turned, wheel_count);
+        ballbot_without_slip(record, &memory->slip, memory->pivoted, memory->x, gyro, turned);
     wheels[0] = rolled.x;
     wheels[1] = rolled.y;
     wheels[2] = rolled.z;
     for (int32_t k = 0; k < 2; ++k) {
-        memory->P[S_X + k][S_X + k] += memory->slip.push * memory->slip.push;
+        memory->P[S_X + k][S_X + k] += memory->slip.unknown;
     }
 }
 
@@ -254,7 +251,7 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
         if (memory->started == RUNNING) {
             if (turned) {
                 ball_rate_of(record, memory, wheel_count, reading->wheel_counts, wheels);
-                without_slip(record, memory, gyro, wheel_count, wheels);
+                without_slip(record, memory, gyro, wheels);
             }
             sample(record, memory, reading, wheels, shown, gyro);
         } else {
