@@ -55,8 +55,7 @@ def campaign() -> Section:
         before="The courses of `ballbot compare --courses benchmark` on every preset; one without friction has the "
         f"nominal scenario's for its wheels' load. One number of each course, the mean of {SEEDS} seeds on the "
         f"compiled loop with its 95 % interval; and the best two on the twin, {TWIN_SEEDS} seed. A run that fell "
-        "enters no mean but those of rising pushes, "
-        "of which the largest is 63.5 N s, and of the largest speed, up to 8 m/s. ≥ where some run had not arrived, or "
+        "enters no mean but that of the largest speed, up to 8 m/s. ≥ where some run had not arrived, or "
         "was not at rest, at its end.",
         columns=["preset, course", *CONTROLLERS, "on the twin, best", "second"],
         rows=[row for preset in presets for row in done[preset]],

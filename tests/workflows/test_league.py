@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ballbot import Robot
+from ballbot import Robot, simulate
+from ballbot.control.references import hold
 from ballbot.report.blocks import Cell
 from ballbot.report.comparison import league_report, metric_rows
 from ballbot.twin.scenario import Scenario
@@ -192,3 +193,21 @@ def test_page_says_which_friction_was_assumed(folder):
     assert league.friction in page.sections[0].blocks[0].caption
     robot = Robot.load(str(folder / "robot.toml"))
     assert with_assumed_friction(robot) == (robot, "")
+
+
+def test_the_largest_push_is_where_single_pushes_let_the_robot_fall():
+    robot = alten(FRICTION)
+    (course,) = choose_courses("largest_push", robot, "model")
+    controllers, seeds = controllers_of(robot, "precise"), (3, 6)
+    scores = run_league(robot, controllers, [course], seeds=seeds).scores[course.name, "precise"]
+    search, step = course.largest_push, 5.0 * (robot.ball.mass + robot.body.mass) / 2**9
+    assert search is not None
+    for seed, score in zip(seeds, scores, strict=True):
+        assert score.ended is None
+        assert score.largest_impulse > 20.0
+        for impulse, falls in ((score.largest_impulse, False), (score.largest_impulse + step, True)):
+            plant = course.plant(robot, search.push(impulse, seed))
+            log = simulate(
+                plant("kalman"), controllers["precise"], hold(), duration=course.duration, seed=seed
+            )
+            assert (log.ended is not None) == falls
