@@ -168,7 +168,7 @@ def rows_of(league: League, plant: str) -> list[list[str]]:
     for course in league.courses:
         for kind in KINDS:
             scores[course.name, kind] = league.scores[course.name, middle(league, course, kind)]
-    shown = course_sheet(replace(league, controllers=(*DESIGNED, *KINDS), scores=scores)).rows
+    shown = course_sheet(replace(league, controllers=(*DESIGNED, *KINDS), scores=scores, bounds={})).rows
     rows = []
     for course, (name, *cells) in zip(league.courses, shown, strict=True):
         learned, residual = (verdict(league, course, kind) for kind in KINDS)

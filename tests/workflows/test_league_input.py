@@ -126,7 +126,7 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
             "ends is 3 s",
         ),
         (
-            COURSE + "largest_push = { fastest = 5.0, time = 3.0, duration = 0.1, height = 0.4 }\n"
+            COURSE + "largest_push = { time = 3.0, duration = 0.1, height = 0.4 }\n"
             "scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0 }",
             "largest_push is the only disturbance",
         ),

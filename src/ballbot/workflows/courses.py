@@ -22,7 +22,7 @@ from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
-from ballbot.simulation.imperfections import Push
+from ballbot.simulation.imperfections import Grip, Push
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
@@ -75,7 +75,6 @@ class LargestPush(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
-    fastest: PositiveFloat  #: of the sizes tried, over the mass of ball and body [m/s]
     time: PositiveFloat  #: [s]
     duration: PositiveFloat  #: [s]
     height: NonNegativeFloat  #: above the ball's centre [m]
@@ -119,7 +118,11 @@ class Course:
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
-            return LoopRobot.of(true, with_identified(scenario, true.friction), known=robot)
+            loop = LoopRobot.of(true, with_identified(scenario, true.friction), known=robot)
+            if self.largest_push is None:
+                return loop
+            grip = Grip(wheels=scenario.roller_grip, floor=scenario.floor_grip)  # it decides the largest push
+            return replace(loop, imperfections=replace(loop.imperfections, grip=grip))
         friction = scaled_friction(scenario.friction, other.friction)
         return TwinRobot(robot=true, scenario=replace(scenario, friction=friction), known=robot)
 

@@ -7,7 +7,7 @@ controller against the first one, with intervals.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,7 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import digits
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario, assumed_friction
+from ballbot.workflows.bounds import bounds_of
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
 from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, TwinRobot, grid_runs, run_grid
@@ -33,8 +34,8 @@ DEFAULT_CONTROLLERS = ("none", "full", "partial")
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
-#: of the largest push; 9 find it to 0.2 % of the largest that is tried
-_HALVINGS = 9
+#: of the largest push, and the largest that is tried over the bound, a mean of the directions: found to 0.25 % of this
+_HALVINGS, _BEYOND_BOUND = 9, 1.3
 
 _Answer = tuple[Score, Log | None]
 
@@ -49,6 +50,8 @@ class League(Reported):
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
     tracks: Mapping[tuple[str, str], Log]  #: the true path and the reference with the first seed
+    #: by course, what no controller passes: SI units by the score's names, as `bounds_of`
+    bounds: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
 
     def to_dict(self) -> dict[str, object]:
@@ -65,6 +68,7 @@ class League(Reported):
                 "plant": course.on,
                 "duration": course.duration,
                 "settle": course.rules.settle,
+                "bounds": self.bounds.get(course.name, {}),
                 "controllers": controllers,
             }
         return {
@@ -186,10 +190,13 @@ def run_league(
         answers = {
             (course.name, name): table.of(name, course.name) for course in once for name in controllers
         }
+    bounds = {course.name: bounds_of(course, robot, seeds=seeds) for course in courses}
     for course in courses:
         if course.largest_push is not None:
+            largest = _BEYOND_BOUND * bounds[course.name]["largest_impulse"]
             for name, controller in controllers.items():
-                answers[course.name, name] = _largest_pushes(robot, (name, controller), course, seeds, solve)
+                named = name, controller
+                answers[course.name, name] = _largest_pushes(robot, named, course, seeds, solve, largest)
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -197,6 +204,7 @@ def run_league(
         seeds=tuple(seeds),
         scores={key: tuple(score for score, _ in each) for key, each in answers.items()},
         tracks={key: track for key, each in answers.items() for _, track in each if track is not None},
+        bounds=bounds,
     )
 
 
@@ -217,12 +225,12 @@ def _largest_pushes(
     course: Course,
     seeds: Sequence[int],
     solve: Callable[[Sequence[GridRun]], GridTable[_Answer]],
+    largest: float,
 ) -> tuple[_Answer, ...]:
     """Return the answer for each seed to the largest push from which the robot recovered; if to none, to a fall."""
     search = course.largest_push
     assert search is not None
-    low, best = np.zeros(len(seeds)), list[_Answer]()
-    high = low + search.fastest * robot.weight / robot.gravity
+    low, high, best = np.zeros(len(seeds)), np.full(len(seeds), largest), list[_Answer]()
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         pushed = zip(seeds, middle.tolist(), strict=True)

@@ -1,0 +1,110 @@
+"""Feedback linearisation of lean and heading around designed controllers: what it changes on the benchmark's courses.
+
+.venv/bin/python -m campaigns.evidence feedback_linearisation
+
+The thesis leaves it open whether nonlinear control pays at high speed. With M(q) q'' + h(q, q') = W(q)^T u,
+
+    lean and heading accelerate by     f(x) + D(x) u,    D = (M^-1 W^T), rows of theta, phi, psi
+    a controller is designed for       (M_0^-1 (k q + W_0^T u)), the same upright at rest, in the robot's heading
+    so a torque u of it becomes        D^-1 ((M_0^-1 (k q + W_0^T u)) - f(x))
+
+which is input-output linearisation: three outputs, three wheels, relative degree two. The ball's motion is the zero
+dynamics that the controller stabilises. Upright nothing changes, so gain, parts, estimator and torque limit are the
+controller's own, and any difference is the linearisation's. Results are kept in build/feedback_linearisation.
+"""
+
+import numpy as np
+
+from ballbot.arrays import Floats
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import frictionless_model
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.fitting.run import Processes
+from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.league import compare, standing
+from ballbot.workflows.metrics import METRIC_BY_KEY, values_of
+from ballbot.workflows.statistics import Estimate, mean_with_interval
+from campaigns.section import Section, finished
+
+PRESET, SEEDS = "alten", 16
+BASES = {"nominal": nominal_controller, "precise": precise_controller}
+COURSES = ("benchmark_square", "velocity_steps", "stop", "faster", "largest_push")
+_PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "workflows")
+
+
+class Linearised:
+    """A controller whose torques act on lean and heading as on the linear model that it is designed for."""
+
+    def __init__(self, base: Controller) -> None:
+        self.base, self.sample_time, self.estimator = base, base.sample_time, base.estimator
+        self._model = frictionless_model(base.robot)
+        body = base.robot.body
+        self._tipping = body.mass * base.robot.gravity * body.center_of_mass * np.diag([0, 0, 1, 1, 0])
+
+    def reset(self) -> None:
+        """A run starts."""
+        self.base.reset()
+
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
+        """Return the torques (3,) [N m]."""
+        u = self.base.update(t, state, reference)
+        model, q, q_dot = self._model, state[:5], state[5:]
+        upright = q * [1.0, 1.0, 0.0, 0.0, 1.0]
+        pull = self._tipping @ q + model.wheel_jacobian(upright).T @ u
+        asked = np.linalg.solve(model.mass_matrix(upright), pull)[2:]
+        free = model.acceleration(q, q_dot, np.zeros(3))[2:]
+        by_torque = np.linalg.solve(model.mass_matrix(q), model.wheel_jacobian(q).T)[2:]
+        limit = self.base.torque_limit
+        return np.clip(np.linalg.solve(by_torque, asked - free), -limit, limit)
+
+
+def rows_of(course: str) -> list[list[str]]:
+    """Return a row for each number of a course: each controller without and with linearisation, and the difference."""
+    robot = Robot.load(PRESET)
+    robot = robot.replace(friction=Scenario.nominal(robot).friction)
+    controllers = {}
+    for name, make in BASES.items():
+        controllers |= {name: make(robot), f"{name}, linearised": Linearised(make(robot))}
+    league = compare(
+        robot, controllers, courses=course, seeds=range(1, 1 + SEEDS), workers=Processes(count=1)
+    )
+    rows = []
+    for key in league.courses[0].metrics:
+        metric, row = METRIC_BY_KEY[key], []
+        for name in BASES:
+            one, other = (values_of(league.scores[course, of], key) for of in (name, f"{name}, linearised"))
+            numbers = (mean_with_interval(one), mean_with_interval(other), mean_with_interval(other - one))
+            row += [_shown(number, metric.scale) for number in numbers]
+        rows.append([f"{course.replace('_', ' ')}: {metric.heading} [{metric.unit}]", *row])
+    if not league.courses[0].until_fall:
+        falls = [standing(league, course, name).falls for name in controllers]
+        cells = [f"{falls[0]}", f"{falls[1]}", "", f"{falls[2]}", f"{falls[3]}", ""]
+        rows.append([f"{course.replace('_', ' ')}: falls of {SEEDS}", *cells])
+    return rows
+
+
+def _shown(estimate: Estimate, scale: float) -> str:
+    mean, low, high = (f"{scale * value:.3g}" for value in (estimate.mean, estimate.low, estimate.high))
+    return f"{mean} ({low} to {high})"
+
+
+def campaign() -> Section:
+    """Run the missing courses and return the section of docs/generated/evidence.md."""
+    done = finished(
+        "feedback_linearisation",
+        rows_of,
+        {course: course for course in COURSES},
+        packages=_PACKAGES,
+        workers=Processes(count=1),
+    )
+    return Section(
+        title="Feedback linearisation",
+        before=f"`{PRESET}` with the nominal scenario's friction on the loop, {SEEDS} seeds: the nominal and the precise "
+        "controller as they are, and with torques that act on lean and heading as on the linear model, whatever lean, "
+        "speed and heading are: input-output linearisation by the exact equations (`campaigns/"
+        "feedback_linearisation.py`). Gain, parts, estimator and torque limit are the same, and upright so are the "
+        "torques. Means with 95 % intervals; the difference is seed by seed.",
+        columns=["course", *(column for name in BASES for column in (name, "linearised", "difference"))],
+        rows=[row for course in COURSES for row in done[course]],
+    )
