@@ -15,7 +15,7 @@ from ballbot.workflows.league import League, compare, overall
 from campaigns.section import Section, finished
 
 CONTROLLERS = ("none", "full", "partial", "precise")
-SEEDS, TWIN_SEEDS = 24, 1
+SEEDS, TWIN_SEEDS = 16, 1
 _PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "workflows")
 
 

@@ -23,7 +23,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 
-#: lean [rad] and torque [N m] over which forces are differenced, and directions of a fall
+#: lean [rad] and torque [N m] over which forces are differenced, push [N], and directions of a fall
 _SMALL, _DIRECTIONS = 1e-3, np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
 
 
@@ -54,28 +54,34 @@ def torques_of_lean(model: Model) -> NDArray[np.float64]:
 
 
 class ContactForces(NamedTuple):
-    """Forces between wheels and ball, upright and slow, to first order in leans theta, phi and wheel torques."""
+    """Forces between wheels and ball, upright and slow, to first order.
+
+    In leans theta, phi [rad], wheel torques [N m], and a push of the body in x and y [N]: 4 + n values.
+    """
 
     load: NDArray[np.float64]  #: (n,) N_i at rest [N]
-    traction: NDArray[np.float64]  #: (n, 2 + n) f_i [N/rad and N/(N m)]
-    pressing: NDArray[np.float64]  #: (n, 2 + n) change of N_i, likewise
+    traction: NDArray[np.float64]  #: (n, 4 + n) f_i by the values [N]
+    pressing: NDArray[np.float64]  #: (n, 4 + n) change of N_i by the values [N]
 
 
-def contact_forces(model: Model) -> ContactForces:
-    """Return the forces between wheels and ball of a model without friction."""
-    row, radius = pack_contacts(model.robot).tolist(), model.robot.wheels.radius
-    P = unpacked(model.selected, model.packed.item)
+def contact_forces(model: Model, height: float = 0.0) -> ContactForces:
+    """Return the forces between wheels and ball of a model without friction; a push is at a height [m]."""
+    row, n = pack_contacts(model.robot).tolist(), model.robot.wheel_count
+    P, pushed = unpacked(model.selected, model.packed.item), np.zeros((5, 2))
+    pushed[[0, 1, 2, 3], [0, 1, 1, 0]] = 1.0, 1.0, -height, height
+    by_push = np.linalg.inv(model.mass_matrix(np.zeros(5))) @ pushed
+    carried = np.reshape(row[2 : 2 + 3 * n], (n, 3))[:, :2]
 
     def forces(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        theta, phi, *torques = values.tolist()
-        a = balancing_attitude((theta, phi, 0.0))
-        rates = model.acceleration([0.0, 0.0, theta, phi, 0.0], np.zeros(5), torques).tolist()
+        (theta, phi, *torques), push = values[:-2].tolist(), values[-2:]
+        a, q = balancing_attitude((theta, phi, 0.0)), [0.0, 0.0, theta, phi, 0.0]
+        rates = (model.acceleration(q, np.zeros(5), torques) + by_push @ push).tolist()
         moments, pressing, _ = forces_at_contacts(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
-        return np.array([np.divide(moments, radius), pressing])
+        return np.array([np.divide(moments, model.robot.wheels.radius), pressing - carried @ push])
 
-    steps = _SMALL * np.eye(2 + model.robot.wheel_count)
+    steps = _SMALL * np.eye(4 + n)
     slopes = np.array([forces(step) - forces(-step) for step in steps]) / (2.0 * _SMALL)
-    return ContactForces(forces(steps[0] * 0.0)[1], slopes[:, 0].T, slopes[:, 1].T)
+    return ContactForces(forces(np.zeros(4 + n))[1], slopes[:, 0].T, slopes[:, 1].T)
 
 
 def traction_torque(model: Model, grip: float) -> float:
@@ -89,7 +95,7 @@ def traction_torque(model: Model, grip: float) -> float:
     """
     held, forces = torques_of_lean(model), contact_forces(model)
     falls = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)], axis=-1)
-    values = falls @ np.vstack([np.eye(2), held]).T
+    values = falls @ np.vstack([np.eye(2), held, np.zeros((2, 2))]).T
     traction, load = values @ forces.traction.T, values @ forces.pressing.T
     # |f| s = mu (N_0 + N s)
     leans = grip * forces.load / np.maximum(np.abs(traction) - grip * load, 1e-9)

@@ -142,7 +142,7 @@ def _overall_sheet(league: League) -> Sheet:
 
 
 def course_sheet(league: League) -> Sheet:
-    """Return a row for each course: its first metric, its bound, each controller's mean with its interval, and falls."""
+    """Return a row for each course: first metric, bound, each controller's mean with its interval, and the falls."""
 
     def cell(course: Course, metric: Metric, name: str) -> str:
         result = standing(league, course.name, name)

@@ -34,8 +34,8 @@ DEFAULT_CONTROLLERS = ("none", "full", "partial")
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
-#: of the largest push, and the largest that is tried over the bound, a mean of the directions: found to 0.25 % of this
-_HALVINGS, _BEYOND_BOUND = 9, 1.3
+#: of the largest push, and the largest that is tried over the bound, which holds to first order
+_HALVINGS, _BEYOND_BOUND = 9, 1.1
 
 _Answer = tuple[Score, Log | None]
 
@@ -190,7 +190,7 @@ def run_league(
         answers = {
             (course.name, name): table.of(name, course.name) for course in once for name in controllers
         }
-    bounds = {course.name: bounds_of(course, robot, seeds=seeds) for course in courses}
+    bounds = {course.name: bounds_of(course, robot) for course in courses}
     for course in courses:
         if course.largest_push is not None:
             largest = _BEYOND_BOUND * bounds[course.name]["largest_impulse"]

@@ -251,7 +251,7 @@ def score_results(score: Score) -> dict[str, object]:
 
 
 def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score:
-    """Score a run by its true distance from the reference once settled, and by its torques.
+    """Score a run by its true distance from the reference once settled, and by its torques and leans if it has them.
 
     Raise InputError if a run that did not end early has no settled row, unless it may be `unsettled`.
     """
@@ -263,6 +263,7 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, disturbed=rules.disturbed, band=rules.band)
+    driven = "u1" in log  # motion capture alone has no torques
     fast = len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
@@ -270,11 +271,11 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         peak_heading_error=float(heading.max()) if counted.any() else np.nan,
         settling_time=arriving,
         arrived=arrived and log.ended is None,
-        rms_torque=rms(log.torques),
-        rms_torque_change=rms_torque_change(log),
-        high_frequency_torque=high_frequency_torque(log) if fast else np.nan,
-        energy=energy(log),
-        peak_lean=float(np.nanmax(leans(log))),
+        rms_torque=rms(log.torques) if driven else np.nan,
+        rms_torque_change=rms_torque_change(log) if driven else np.nan,
+        high_frequency_torque=high_frequency_torque(log) if driven and fast else np.nan,
+        energy=energy(log) if driven and "wheel1" in log else np.nan,
+        peak_lean=float(np.nanmax(leans(log))) if "theta" in log else np.nan,
         rms_speed_error=rms_speed_error(log),
         **stop_of(log, np.inf if rules.stop is None else rules.stop),
         top_speed=top_speed(log),
