@@ -32,7 +32,7 @@ from campaigns.section import Section, finished
 
 PRESET, SEEDS = "alten", 10
 BASES = {"nominal": nominal_controller, "precise": precise_controller}
-COURSES = ("stop", "velocity_steps", "largest_push", "benchmark_square")
+COURSES = ("largest_push", "stop", "velocity_steps", "benchmark_square")
 _PUSHED_RUN = 6.5  # [s]
 _SMALL = 1e-4  # part of a lean over which gravity is linear
 _PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "workflows")
