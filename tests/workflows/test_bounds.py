@@ -30,8 +30,8 @@ def test_push_of_weak_motors_is_that_of_the_unstable_modes(name: str):
     model = frictionless_model(robot)
     linear = model.linearize()
     poles, modes = np.linalg.eig(linear.A.T)
-    unstable = poles.real > 0.1
-    p, left = poles[unstable].real, modes[:, unstable].real.T
+    unstable = np.real(poles) > 0.1
+    p, left = np.real(poles[unstable]), np.real(modes[:, unstable]).T
     late = (1.0 - np.exp(-0.1 * p)) / 0.1  # the push lasts 0.1 s
     n, expected = robot.wheel_count, []
     for k in range(8):

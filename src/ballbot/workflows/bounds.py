@@ -123,7 +123,7 @@ class _Motions:
         most[2:4], most[-2:] = course.scenario.fallen_lean, robot.friction.rolling * robot.weight
         most[10:-2] = robot.drive.torque_limit + breakaway
         return _Motions(
-            A=np.hstack([linear.A, linear.B, rolling]),
+            A=np.asarray(np.hstack([linear.A, linear.B, rolling]), np.float64),
             most=most,
             rows=np.vstack([curve, -curve, traction - grip * pressing, -traction - grip * pressing]),
             limits=np.concatenate([*[1.0 + falling * breakaway] * 2, *[grip * forces.load] * 2]),
@@ -155,12 +155,13 @@ class _Motions:
         change -= sparse.kron(sparse.eye(K, K + 1, k=1), np.eye(10, width))
         by_s = np.concatenate([move[:, -1] * (k < pushed) for k, move in enumerate(moves)])
         R, r, limit = within or (np.zeros((0, 10)), 0.0, 0.0)
-        late = sparse.eye(K + 1 - first, K + 1, k=first)
+        counted = K + 1 - first
+        late = sparse.eye(counted, K + 1, k=first)
         below = sparse.vstack(
             [sparse.kron(sparse.eye(K + 1), self.rows), sparse.kron(late, R @ np.eye(10, width))]
         )
-        below_s = np.append(np.outer(np.arange(K + 1) < pushed, by_push), np.full(late.shape[0] * len(R), -r))
-        values = np.append(np.tile(self.limits, K + 1), np.full(late.shape[0] * len(R), limit))
+        below_s = np.append(np.outer(np.arange(K + 1) < pushed, by_push), np.full(counted * len(R), -r))
+        values = np.append(np.tile(self.limits, K + 1), np.full(counted * len(R), limit))
         high = np.tile(self.most, (K + 1, 1))
         low, rest = -high, [2, 3, *range(5, 10)]
         low[0, :10] = high[0, :10] = start
