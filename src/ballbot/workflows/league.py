@@ -68,9 +68,8 @@ class League(Reported):
                 "plant": course.on,
                 "duration": course.duration,
                 "settle": course.rules.settle,
-                "bounds": self.bounds.get(course.name, {}),
                 "controllers": controllers,
-            }
+            } | ({"bounds": self.bounds[course.name]} if self.bounds.get(course.name) else {})
         return {
             "robot": self.robot,
             "friction": self.friction,
