@@ -33,7 +33,7 @@ from ballbot.workflows.metrics import REST
 _PUSHED, _STOPPING, _RESTING, _REST_TIME = 4, 40, 40, 4.0
 #: the longest stop [s], and how often it is halved
 _LONGEST, _HALVINGS = 16.0, 11
-#: before a course's stop and end, in which its speed is found [s]
+#: before a course's stop, in which its speed is found [s]
 _BEFORE = 0.05
 #: (8, 2) directions from which a robot may be pushed, or go
 _SIDES = np.column_stack([f(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS) for f in (np.cos, np.sin)])
@@ -56,20 +56,18 @@ def bounds_of(course: Course, robot: Robot) -> dict[str, float]:
     >>> {key: round(value, 2) for key, value in bounds_of(course, robot).items()}
     {'top_speed': 2.84}
     """
-    reference, found = course.reference_spec.reference(), dict[str, float]()
-
-    def speed(before: float) -> float:
-        places = [reference(before - later * _BEFORE)[:2] for later in (1, 2)]
-        return float(np.hypot(*(places[0] - places[1]))) / _BEFORE
-
+    found, stop = dict[str, float](), course.rules.stop
     if "top_speed" in course.metrics:
-        found["top_speed"] = min(_top_speed(robot), speed(course.duration))
+        found["top_speed"] = _top_speed(robot)
     if course.largest_push is not None:
         found["largest_impulse"] = _largest_impulse(robot, course, course.largest_push)
-    if course.rules.stop is not None:
-        motions, before = _Motions.of(robot, course), speed(course.rules.stop)
-        stops = np.array([motions.stop(before * side, side) for side in _SIDES[: DIRECTIONS // 2]])
-        if np.isfinite(stops).any():
+    if stop is not None:
+        reference = course.reference_spec.reference()
+        later, sooner = (reference(stop - count * _BEFORE)[:2] for count in (1, 2))
+        speed = float(np.hypot(*(later - sooner))) / _BEFORE
+        motions = _Motions.of(robot, course)
+        stops = np.array([motions.stop(speed * side, side) for side in _SIDES[: DIRECTIONS // 2]])
+        if speed > REST and np.isfinite(stops).any():
             found["stopping_time"], found["stopping_distance"] = np.nanmin(stops, axis=0).tolist()
     return found
 
