@@ -25,6 +25,7 @@ from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import Twins, twin_scenario
 from ballbot.robot import RobotLike, as_robot
+from ballbot.twin.picture import Picture
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 
@@ -139,11 +140,20 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
     ((19,), (10,))
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 (Gymnasium's)
+    #: "rgb_array" for pictures (`render`); Gymnasium shows them for "human"
+    render_mode: str | None = None
 
     def __post_init__(self) -> None:
+        modes = ("rgb_array", "human")
+        if self.render_mode is not None:
+            check_known(
+                self.render_mode, modes, f"render_mode is {self.render_mode!r}", otherwise="it is one of"
+            )
         self._prepare(1, 1)
         self.observation_space, self.action_space = self._seen, self._done
+        self.metadata = self.metadata | {"render_fps": round(1.0 / self.contract.period)}
+        self._picture = Picture(self.robot) if self.render_mode == "rgb_array" else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -168,6 +178,20 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
             ended and not fallen,
             self._info(),
         )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture (480, 480, 3) of the robot, with a mark where it should be; None without `render_mode`."""
+        return (
+            None
+            if self._picture is None
+            else self._picture.frame(self._lanes.truths[0], self._lanes.references[0])
+        )
+
+    def close(self, **_: object) -> None:
+        """End the threads and what draws."""
+        super().close()
+        if self._picture is not None:
+            self._picture.close()
 
     def _info(self) -> dict[str, Any]:
         return {"truth": self._lanes.truths[0].copy(), "reference": self._lanes.references[0].copy()}

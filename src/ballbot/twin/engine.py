@@ -23,7 +23,7 @@ class Engine:
     """
 
     def __init__(self, document: str) -> None:
-        self._mujoco = mujoco = _mujoco()
+        self._mujoco = mujoco = mujoco_module()
         try:
             self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
         except ValueError as error:
@@ -112,7 +112,7 @@ class Engine:
         return _evenly_spaced([int(self.model.joint(f"{kind} {i}").dofadr[0]) for i in (1, 2)], count)
 
 
-def _mujoco():  # the module has no types
+def mujoco_module():  # the module has no types
     try:
         import mujoco
     except ImportError:
@@ -126,7 +126,7 @@ def foreign_model(document: str, *, source: str):  # MjModel and MjData have no 
     Meshes and what they need are left out, so that no file beside the document is needed. InputError if MuJoCo is not
     installed, or refuses the document, or a mass comes from a mesh.
     """
-    mujoco = _mujoco()
+    mujoco = mujoco_module()
     heard: list[str] = []
     # else MuJoCo writes warnings into a file in the user's folder
     mujoco.set_mju_user_warning(heard.append)  # pyright: ignore[reportAttributeAccessIssue]
