@@ -44,6 +44,7 @@ CAMPAIGNS = {
     "agreement": "campaigns.agreement",
     "strangers": "campaigns.strangers",
     "benchmark": "campaigns.benchmark",
+    "feedback_linearisation": "campaigns.feedback_linearisation",
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
     "learned_league": "campaigns.learned_league",

@@ -57,7 +57,10 @@ _FORMER: Mapping[Kind, Mapping[str, str]] = {
         "input.resistance": _RESISTANCE,
         "columns.t.nanoseconds": "write seconds and nanoseconds as one column of the log, and remove the key",
     },
-    "courses": {"*.*.unlike": "call it mismatch"},
+    "courses": {
+        "*.*.unlike": "call it mismatch",
+        "*.*.rising_pushes": "write largest_push, one push a run, its size by bisection",
+    },
 }
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")

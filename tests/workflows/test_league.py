@@ -1,15 +1,18 @@
 """The league: the same numbers wherever it runs, falls counted, intervals that hold what they promise, and its page."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from ballbot import Robot
+from ballbot import Robot, simulate
+from ballbot.control.references import hold
 from ballbot.report.blocks import Cell
-from ballbot.report.comparison import league_report, metric_rows
+from ballbot.report.comparison import course_sheet, league_report, metric_rows
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.bounds import bounds_of
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import (
     League,
@@ -192,3 +195,37 @@ def test_page_says_which_friction_was_assumed(folder):
     assert league.friction in page.sections[0].blocks[0].caption
     robot = Robot.load(str(folder / "robot.toml"))
     assert with_assumed_friction(robot) == (robot, "")
+
+
+def test_the_largest_push_is_where_single_pushes_let_the_robot_fall():
+    robot = alten(FRICTION)
+    (course,) = choose_courses("largest_push", robot, "model")
+    controllers, seeds = controllers_of(robot, "precise"), (3, 6)
+    scores = run_league(robot, controllers, [course], seeds=seeds).scores[course.name, "precise"]
+    search, bound = course.largest_push, bounds_of(course, robot)["largest_impulse"]
+    step = 1.1 * bound / 2**9
+    assert search is not None
+    for seed, score in zip(seeds, scores, strict=True):
+        assert score.ended is None
+        assert 20.0 < score.largest_impulse < bound
+        for impulse, falls in ((score.largest_impulse, False), (score.largest_impulse + step, True)):
+            plant = course.plant(robot, search.push(impulse, seed))
+            log = simulate(
+                plant("kalman"), controllers["precise"], hold(), duration=course.duration, seed=seed
+            )
+            assert (log.ended is not None) == falls
+
+
+@pytest.mark.slow
+def test_a_bound_stands_beside_its_numbers(league):
+    """Half of what the first controller has."""
+    assert course_sheet(league).headings == ("course", *league.controllers)
+    mean = standing(league, "stand", "none").means["peak_position_error"].mean
+    bounded = replace(league, bounds={"stand": {"peak_position_error": 0.5 * mean}})
+    sheet = course_sheet(bounded)
+    assert sheet.headings == ("course", "bound", *league.controllers)
+    (_, bound, first, *_), (_, none, other, *_) = sheet.rows
+    assert float(str(bound)) == pytest.approx(500.0 * mean, rel=0.01)
+    assert "× 2.0" in str(first)
+    assert none == ""
+    assert "×" not in str(other)

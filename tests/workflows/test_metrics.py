@@ -199,10 +199,3 @@ def test_speeds_of_a_robot_that_lags():
     assert top_speed(log) == pytest.approx(1.5)
     assert rms_speed_error(log) == pytest.approx(0.5)
     assert top_speed(made_log(x=x)) == pytest.approx(4.5, rel=0.01)  # the last second begins a sample earlier
-
-
-@pytest.mark.parametrize(("seconds", "largest"), [(4.0, 0.0), (7.0, 0.0), (12.0, 2.0), (20.0, 3.0)])
-def test_a_push_is_recovered_from_if_the_robot_stands_at_the_next(seconds, largest):
-    rules = Rules(disturbed=(5.0, 10.0, 15.0), impulses=(2.0, 3.0, 4.0))
-    assert score(made_log(duration=seconds, ended="fallen"), rules).largest_impulse == largest
-    assert score(made_log(), rules).largest_impulse == 4.0

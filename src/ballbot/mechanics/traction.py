@@ -10,6 +10,8 @@ which three wheels can in one way only (four: the one of least squares). Contact
 lifted where N_i is not positive. Exact formulation; the rollers turn freely across t_i.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 
-#: lean [rad] over which forces are differenced, and directions of a fall
+#: lean [rad] and torque [N m] over which forces are differenced, push [N], and directions of a fall
 _SMALL, _DIRECTIONS = 1e-3, np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
 
 
@@ -51,6 +53,37 @@ def torques_of_lean(model: Model) -> NDArray[np.float64]:
     return -np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4]
 
 
+class ContactForces(NamedTuple):
+    """Forces between wheels and ball, upright and slow, to first order.
+
+    In leans theta, phi [rad], wheel torques [N m], and a push of the body in x and y [N]: 4 + n values.
+    """
+
+    load: NDArray[np.float64]  #: (n,) N_i at rest [N]
+    traction: NDArray[np.float64]  #: (n, 4 + n) f_i by the values [N]
+    pressing: NDArray[np.float64]  #: (n, 4 + n) change of N_i by the values [N]
+
+
+def contact_forces(model: Model, height: float = 0.0) -> ContactForces:
+    """Return the forces between wheels and ball of a model without friction; a push is at a height [m]."""
+    row, n = pack_contacts(model.robot).tolist(), model.robot.wheel_count
+    P, pushed = unpacked(model.selected, model.packed.item), np.zeros((5, 2))
+    pushed[[0, 1, 2, 3], [0, 1, 1, 0]] = 1.0, 1.0, -height, height
+    by_push = np.linalg.inv(model.mass_matrix(np.zeros(5))) @ pushed
+    carried = np.reshape(row[2 : 2 + 3 * n], (n, 3))[:, :2]
+
+    def forces(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        (theta, phi, *torques), push = values[:-2].tolist(), values[-2:]
+        a, q = balancing_attitude((theta, phi, 0.0)), [0.0, 0.0, theta, phi, 0.0]
+        rates = (model.acceleration(q, np.zeros(5), torques) + by_push @ push).tolist()
+        moments, pressing, _ = forces_at_contacts(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
+        return np.array([np.divide(moments, model.robot.wheels.radius), pressing - carried @ push])
+
+    steps = _SMALL * np.eye(4 + n)
+    slopes = np.array([forces(step) - forces(-step) for step in steps]) / (2.0 * _SMALL)
+    return ContactForces(forces(np.zeros(4 + n))[1], slopes[:, 0].T, slopes[:, 1].T)
+
+
 def traction_torque(model: Model, grip: float) -> float:
     """Return the largest torque [N m] of a wheel up to which a robot that catches a fall slips at no wheel.
 
@@ -60,19 +93,10 @@ def traction_torque(model: Model, grip: float) -> float:
     >>> round(traction_torque(Model("alten"), 0.4), 2)
     1.62
     """
-    held, row = torques_of_lean(model), pack_contacts(model.robot).tolist()
-    P = unpacked(model.selected, model.packed.item)
-
-    def forces(*lean: float) -> NDArray[np.float64]:
-        torques, a = (held @ lean).tolist(), balancing_attitude((*lean, 0.0))
-        rates = model.acceleration([0.0, 0.0, *lean, 0.0], np.zeros(5), torques).tolist()
-        moments, pressing, _ = forces_at_contacts(P, a, (0.0,) * 3, (rates[:2], rates[2:]), torques, row)
-        return np.array([np.divide(moments, model.robot.wheels.radius), pressing])
-
-    rest = forces(0.0, 0.0)
-    slopes = np.array([forces(_SMALL, 0.0) - rest, forces(0.0, _SMALL) - rest]) / _SMALL
+    held, forces = torques_of_lean(model), contact_forces(model)
     falls = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)], axis=-1)
-    traction, load = np.moveaxis(np.tensordot(falls, slopes, 1), 1, 0)
+    values = falls @ np.vstack([np.eye(2), held, np.zeros((2, 2))]).T
+    traction, load = values @ forces.traction.T, values @ forces.pressing.T
     # |f| s = mu (N_0 + N s)
-    leans = grip * rest[1] / np.maximum(np.abs(traction) - grip * load, 1e-9)
+    leans = grip * forces.load / np.maximum(np.abs(traction) - grip * load, 1e-9)
     return float((leans.min(axis=1) * np.abs(falls @ held.T).max(axis=1)).min())

@@ -142,7 +142,7 @@ def _overall_sheet(league: League) -> Sheet:
 
 
 def course_sheet(league: League) -> Sheet:
-    """Return a row for each course: its first metric, each controller's mean with its interval, and the falls."""
+    """Return a row for each course: first metric, bound, each controller's mean with its interval, and the falls."""
 
     def cell(course: Course, metric: Metric, name: str) -> str:
         result = standing(league, course.name, name)
@@ -150,26 +150,43 @@ def course_sheet(league: League) -> Sheet:
         mean = result.means[metric.key]
         if math.isnan(mean.mean):
             return f"–{fell}"
-        return f"{'≥ ' if _is_bound(result, metric) else ''}{_estimate(mean, metric.scale)}{fell}"
+        ratio = _ratio(league, course, metric, mean.mean)
+        return f"{'≥ ' if _is_bound(result, metric) else ''}{_estimate(mean, metric.scale)}{ratio}{fell}"
 
-    rows = []
+    rows, bounded = [], any(league.bounds.values())
     for course in league.courses:
         metric = METRIC_BY_KEY[course.metrics[0]] if course.metrics else METRICS[0]
         of = course.name.replace("_", " ")
         cells = [cell(course, metric, name) for name in league.controllers]
-        rows.append((f"{of}: {unit_heading(metric.heading, metric.unit)}", *cells))
+        heading = f"{of}: {unit_heading(metric.heading, metric.unit)}"
+        rows.append((heading, *([_bound(league, course, metric)] if bounded else []), *cells))
     caption = "One number of each course, the first of its own table below: means with their 95 % intervals."
-    return Sheet(("course", *league.controllers), rows, caption)
+    if bounded:
+        caption += " The bound holds for every controller of this robot; ×: a mean over it."
+    return Sheet(("course", *(["bound"] if bounded else []), *league.controllers), rows, caption)
+
+
+def _bound(league: League, course: Course, metric: Metric) -> str:
+    """Return what no controller passes, or nothing."""
+    bound = league.bounds.get(course.name, {}).get(metric.key)
+    return "" if bound is None else digits(metric.scale * bound)
+
+
+def _ratio(league: League, course: Course, metric: Metric, mean: float) -> str:
+    """Return a mean over the bound, such as ", × 0.62", if there is one."""
+    bound = league.bounds.get(course.name, {}).get(metric.key)
+    return "" if bound is None else f", × {digits(mean / bound, 2)}"
 
 
 def metric_rows(league: League, course: Course) -> list[list[str | Cell]]:
     """Return a row for each metric of a course: its name and each controller's mean, below it the difference."""
     standings = [standing(league, course.name, name) for name in league.controllers]
     metrics = [METRIC_BY_KEY[key] for key in course.metrics] or METRICS
-    rows: list[list[str | Cell]] = [
-        [unit_heading(metric.heading, metric.unit), *(_cell(each, metric) for each in standings)]
-        for metric in metrics
-    ]
+    rows: list[list[str | Cell]] = []
+    for metric in metrics:
+        bound = _bound(league, course, metric)
+        heading = unit_heading(metric.heading, metric.unit) + (f", bound {bound}" if bound else "")
+        rows.append([heading, *(_cell(each, metric) for each in standings)])
     falls: list[str | Cell] = ["falls", *(f"{each.falls} of {each.runs}" for each in standings)]
     return rows if course.until_fall else [*rows, falls]
 

@@ -22,7 +22,7 @@ from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
-from ballbot.simulation.imperfections import Push
+from ballbot.simulation.imperfections import Grip, Push
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
@@ -66,34 +66,23 @@ class ModelMismatch:
 
 
 PlantName = Literal["model", "twin"]
-#: directions of rising pushes, one a seed
+#: directions of pushes that are bisected, one a seed
 DIRECTIONS = 8
 
 
-class RisingPushes(BaseModel):
-    """Pushes in a row, each larger than the last by a factor; turned by 45 degrees from seed to seed."""
+class LargestPush(BaseModel):
+    """One push a run, its size by bisection; turned by 45 degrees from seed to seed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
-    first: PositiveFloat  #: impulse [N s]
-    factor: float = Field(gt=1.0)
-    count: int = Field(gt=0, le=1000)
-    every: PositiveFloat  #: from one to the next, and before the first [s]
-    duration: PositiveFloat  #: of each [s]
+    time: PositiveFloat  #: [s]
+    duration: PositiveFloat  #: [s]
     height: NonNegativeFloat  #: above the ball's centre [m]
 
-    @property
-    def impulses(self) -> tuple[float, ...]:
-        """The impulses [N s]."""
-        return tuple(self.first * self.factor**k for k in range(self.count))
-
-    def pushes(self, direction: float) -> tuple[Push, ...]:
-        """Return them in a direction on the floor, from x towards y [rad]."""
-        lasts, height = self.duration, self.height
-        return tuple(
-            Push.of_impulse(impulse, direction, time=(k + 1) * self.every, duration=lasts, height=height)
-            for k, impulse in enumerate(self.impulses)
-        )
+    def push(self, impulse: float, seed: int) -> Push:
+        """Return the push of an impulse [N s]."""
+        direction = 2.0 * math.pi * (seed % DIRECTIONS) / DIRECTIONS
+        return Push.of_impulse(impulse, direction, time=self.time, duration=self.duration, height=self.height)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +98,7 @@ class Course:
     published: tuple[str, ...] = ()  #: published results on it, each with its source
     until_fall: bool = False  #: whether it gets harder until the robot falls, so that falls are not counted
     mismatch: ModelMismatch = ModelMismatch()
-    rising: RisingPushes | None = None
+    largest_push: LargestPush | None = None
     scenario: Scenario
     on: PlantName
 
@@ -119,18 +108,21 @@ class Course:
         friction = replace(friction, rolling=floor.rolling, pivoting=floor.pivoting)
         return replace(self, scenario=replace(self.scenario, friction=friction))
 
-    def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
+    def plant(self, robot: Robot, *pushes: Push) -> LoopRobot | TwinRobot:
         """Return the robot to run, by the model with the robot's friction, by the twin with the scenario's."""
         other, scenario = self.mismatch, self.scenario
-        if self.rising is not None:
-            direction = 2.0 * math.pi * (seed % DIRECTIONS) / DIRECTIONS
-            scenario = replace(scenario, pushes=self.rising.pushes(direction))
+        if pushes:
+            scenario = replace(scenario, pushes=pushes)
         true = robot
         if other != ModelMismatch():
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
-            return LoopRobot.of(true, with_identified(scenario, true.friction), known=robot)
+            loop = LoopRobot.of(true, with_identified(scenario, true.friction), known=robot)
+            if self.largest_push is None:
+                return loop
+            grip = Grip(wheels=scenario.roller_grip, floor=scenario.floor_grip)  # it decides the largest push
+            return replace(loop, imperfections=replace(loop.imperfections, grip=grip))
         friction = scaled_friction(scenario.friction, other.friction)
         return TwinRobot(robot=true, scenario=replace(scenario, friction=friction), known=robot)
 
@@ -158,7 +150,7 @@ class CourseTable(BaseModel):
     metrics: list[str] = []
     published: list[str] = []
     until_fall: bool = False
-    rising_pushes: RisingPushes | None = None
+    largest_push: LargestPush | None = None
     mismatch: ModelMismatch = ModelMismatch()
     scenario: dict[str, object] = {}
 
@@ -211,17 +203,17 @@ def _course(
         scenario = scenario_of(given.scenario, robot, default_name=name)
         for key in given.metrics:
             check_known(key, METRIC_BY_KEY, f"There is no metric {key!r}", otherwise="there are")
-        rising = given.rising_pushes
-        if rising and (scenario.pushes or scenario.changes()):
+        largest = given.largest_push
+        if largest and (scenario.pushes or scenario.changes()):
             raise InputError(
-                "rising_pushes are the only disturbances of their course; remove the scenario's pushes, and times of a "
+                "largest_push is the only disturbance of its course; remove the scenario's pushes, and times of a "
                 "payload or a carpet."
             )
         if given.stop is not None and given.stop >= given.duration:
             raise InputError(
                 f"stop is {given.stop:g} s, and the run ends at {given.duration:g} s; let it stop before."
             )
-    pushes = rising.pushes(0.0) if rising else scenario.pushes
+    pushed = [largest.time] if largest else [push.time for push in scenario.pushes]
     return Course(
         name=name,
         about=given.about,
@@ -230,14 +222,13 @@ def _course(
         rules=Rules(
             settle=given.settle,
             band=given.band,
-            disturbed=tuple(sorted([*(push.time for push in pushes), *scenario.changes()])),
+            disturbed=tuple(sorted([*pushed, *scenario.changes()])),
             stop=given.stop,
-            impulses=rising.impulses if rising else (),
         ),
         metrics=tuple(given.metrics),
         published=tuple(given.published),
         until_fall=given.until_fall,
-        rising=rising,
+        largest_push=largest,
         mismatch=given.mismatch,
         scenario=scenario,
         on=plant,

@@ -6,8 +6,8 @@ controller against the first one, with intervals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -22,15 +22,22 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import digits
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario, assumed_friction
+from ballbot.workflows.bounds import bounds_of
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.courses import DIRECTIONS, Course, PlantName, choose_courses
-from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
+from ballbot.workflows.courses import Course, PlantName, choose_courses
+from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import OF_SOME_COURSES, Score, falls_of, score_results, true_place, values_of
 from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_ratio, mean_with_interval
 
 DEFAULT_CONTROLLERS = ("none", "full", "partial")
 #: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
+
+
+#: of the largest push, and the largest that is tried over the bound, which holds to first order
+_HALVINGS, _BEYOND_BOUND = 9, 1.1
+
+_Answer = tuple[Score, Log | None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -43,6 +50,8 @@ class League(Reported):
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
     tracks: Mapping[tuple[str, str], Log]  #: the true path and the reference with the first seed
+    #: by course, what no controller passes: SI units by the score's names, as `bounds_of`
+    bounds: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
 
     def to_dict(self) -> dict[str, object]:
@@ -60,7 +69,7 @@ class League(Reported):
                 "duration": course.duration,
                 "settle": course.rules.settle,
                 "controllers": controllers,
-            }
+            } | ({"bounds": self.bounds[course.name]} if self.bounds.get(course.name) else {})
         return {
             "robot": self.robot,
             "friction": self.friction,
@@ -169,26 +178,24 @@ def run_league(
         If there is nothing to run, a controller fails, or a run cannot be scored.
     """
     robot = as_robot(robot)
-    plants = {
-        (course.name, k): course.plant(robot, seed=k)
-        for course in courses
-        for k in range(DIRECTIONS if course.rising else 1)
-    }
-    conditions = [
-        Condition(
-            plant=plants[course.name, seed % DIRECTIONS if course.rising else 0],
-            reference=course.reference_spec.reference,
-            duration=course.duration,
-            seed=seed,
-            course=course.name,
-            rules=course.rules,
-        )
-        for seed in seeds
-        for course in courses
-    ]
     ask = partial(_scored, seeds[0] if seeds else 0)
-    table = run_grid(grid_runs(controllers, conditions), ask, workers=workers, run=run)
-    answers = {(course.name, name): table.of(name, course.name) for course in courses for name in controllers}
+    solve = partial(run_grid, ask=ask, workers=workers, run=run)
+    once = [course for course in courses if course.largest_push is None]
+    plants = {course.name: course.plant(robot) for course in once}
+    conditions = [_condition(course, plants[course.name], seed) for seed in seeds for course in once]
+    answers: dict[tuple[str, str], tuple[_Answer, ...]] = {}
+    if once or not courses:
+        table = solve(grid_runs(controllers, conditions))
+        answers = {
+            (course.name, name): table.of(name, course.name) for course in once for name in controllers
+        }
+    bounds = {course.name: bounds_of(course, robot) for course in courses}
+    for course in courses:
+        if course.largest_push is not None:
+            largest = _BEYOND_BOUND * bounds[course.name]["largest_impulse"]
+            for name, controller in controllers.items():
+                named = name, controller
+                answers[course.name, name] = _largest_pushes(robot, named, course, seeds, solve, largest)
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -196,7 +203,45 @@ def run_league(
         seeds=tuple(seeds),
         scores={key: tuple(score for score, _ in each) for key, each in answers.items()},
         tracks={key: track for key, each in answers.items() for _, track in each if track is not None},
+        bounds=bounds,
     )
+
+
+def _condition(course: Course, plant: LoopRobot | TwinRobot, seed: int) -> Condition:
+    return Condition(
+        plant=plant,
+        reference=course.reference_spec.reference,
+        duration=course.duration,
+        seed=seed,
+        course=course.name,
+        rules=course.rules,
+    )
+
+
+def _largest_pushes(
+    robot: Robot,
+    named: tuple[str, Feedback],
+    course: Course,
+    seeds: Sequence[int],
+    solve: Callable[[Sequence[GridRun]], GridTable[_Answer]],
+    largest: float,
+) -> tuple[_Answer, ...]:
+    """Return the answer for each seed to the largest push from which the robot recovered; if to none, to a fall."""
+    search = course.largest_push
+    assert search is not None
+    low, high, best = np.zeros(len(seeds)), np.full(len(seeds), largest), list[_Answer]()
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        pushed = zip(seeds, middle.tolist(), strict=True)
+        plants = [course.plant(robot, search.push(impulse, seed)) for seed, impulse in pushed]
+        conditions = [_condition(course, plant, seed) for seed, plant in zip(seeds, plants, strict=True)]
+        answers = solve(grid_runs(dict([named]), conditions)).answers
+        stood = np.array([score.ended is None for score, _ in answers])
+        low, high = np.where(stood, middle, low), np.where(stood, high, middle)
+        kept = zip(answers, best or answers, stood.tolist(), strict=True)
+        best = [new if stands else old for new, old, stands in kept]
+    found = zip(best, low.tolist(), strict=True)
+    return tuple((replace(score, largest_impulse=impulse), track) for (score, track), impulse in found)
 
 
 def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:

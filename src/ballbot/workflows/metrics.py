@@ -190,7 +190,6 @@ class Rules:
     band: float = BAND  #: within which a robot has arrived [m]
     disturbed: tuple[float, ...] = ()  #: when something pushes the robot or changes [s]
     stop: float | None = None  #: when a robot that drives is to stop [s]
-    impulses: tuple[float, ...] = ()  #: of the disturbances, if all are pushes [N s]
 
 
 DEFAULT_RULES = Rules()
@@ -216,13 +215,12 @@ class Score:
     stopping_distance: float = np.nan  #: [m]
     overshoot: float = np.nan  #: [m]
     top_speed: float = np.nan  #: see `metrics.top_speed`; also of a run that ended early [m/s]
-    #: the last push after which the robot still stood at the next one, or at the end; 0 if it fell after the first.
-    #: Also of a run that ended early; NaN without such pushes [N s]
+    #: the largest push from which the robot recovers, on a course that searches for it; then the score is of that run
     largest_impulse: float = np.nan
     ended: str | None  #: why the run stopped early, as in a fall
 
 
-#: numbers that only some courses have: of a stop, of rising pushes, of a reference that does not jump
+#: numbers that only some courses have: of a stop, of the largest push, of a reference that does not jump
 OF_SOME_COURSES = ("rms_speed_error", "stopping_time", "stopping_distance", "overshoot", "largest_impulse")
 
 
@@ -253,7 +251,7 @@ def score_results(score: Score) -> dict[str, object]:
 
 
 def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score:
-    """Score a run by its true distance from the reference once settled, and by its torques.
+    """Score a run by its true distance from the reference once settled, and by its torques and leans if it has them.
 
     Raise InputError if a run that did not end early has no settled row, unless it may be `unsettled`.
     """
@@ -265,7 +263,7 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, disturbed=rules.disturbed, band=rules.band)
-    stood = sum(log.t[-1] > t for t in rules.disturbed[1:]) + (log.ended is None)
+    driven = "u1" in log  # motion capture alone has no torques
     fast = len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
@@ -273,15 +271,14 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         peak_heading_error=float(heading.max()) if counted.any() else np.nan,
         settling_time=arriving,
         arrived=arrived and log.ended is None,
-        rms_torque=rms(log.torques),
-        rms_torque_change=rms_torque_change(log),
-        high_frequency_torque=high_frequency_torque(log) if fast else np.nan,
-        energy=energy(log),
-        peak_lean=float(np.nanmax(leans(log))),
+        rms_torque=rms(log.torques) if driven else np.nan,
+        rms_torque_change=rms_torque_change(log) if driven else np.nan,
+        high_frequency_torque=high_frequency_torque(log) if driven and fast else np.nan,
+        energy=energy(log) if driven and "wheel1" in log else np.nan,
+        peak_lean=float(np.nanmax(leans(log))) if "theta" in log else np.nan,
         rms_speed_error=rms_speed_error(log),
         **stop_of(log, np.inf if rules.stop is None else rules.stop),
         top_speed=top_speed(log),
-        largest_impulse=(0.0, *rules.impulses)[stood] if rules.impulses else np.nan,
         ended=log.ended,
     )
 
