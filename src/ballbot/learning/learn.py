@@ -13,11 +13,13 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
+from ballbot.control.controller import Controller, torque_of_lean
 from ballbot.control.lqr import frictionless_model
 from ballbot.control.parts.disturbance_observer import idle_torques
-from ballbot.control.parts.policy import VERSION, Policy
+from ballbot.control.parts.policy import SCALES, VERSION, Policy
 from ballbot.control.presets import nominal_controller
+from ballbot.control.presets.nominal import design_gain
+from ballbot.control.presets.precise import ERROR_LEAN, PRECISE_STATE_WEIGHTS
 from ballbot.control.references import hold
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.learning.contract import Contract
@@ -47,6 +49,8 @@ _SIZES, _DIRECTIONS = 20, 12
 _RECOVERED_WITHIN = 5.0
 #: torque of an output of 1, over that of an action: of a policy alone, and of one that is added to a controller
 SCALE, RESIDUAL_SCALE = 2.0, 0.8
+#: weight of an error into a unit that is to stay nearly straight
+_STRAIGHT = 0.2
 #: seconds of the loop in which a baseline's reward is measured, and robots
 _BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
 #: the film has the policies after these parts of a training, which are 0, 5, 10 and 30 s of one that takes 30 s, and so
@@ -100,6 +104,25 @@ class Learned(Reported):
 def base_controller(robot: Robot) -> Controller:
     """Return the linear law that acts where the policy was not trained."""
     return nominal_controller(robot).with_estimator("kalman")
+
+
+def start_law(lanes: TaskLanes, scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the law that a policy alone starts as: weights of 8 units of tanh (10, 8), and of its outputs (8, n).
+
+    It is the precise gain for torques as they are held. A unit is small, so that its tanh is nearly straight, except
+    for the errors of position and velocity along an axis: together they command at most the lean of precise controllers.
+    """
+    robot, held = lanes.robot, lanes.repeat * lanes.sample_time
+    gain = design_gain(robot, state_weights=PRECISE_STATE_WEIGHTS, sample_time=held).gain * SCALES / scale
+    size = np.linalg.norm(gain, axis=0)
+    torque = lanes.torque_limit - max(robot.friction.breakaway)
+    lean = ERROR_LEAN * torque / torque_of_lean(robot)
+    into = _STRAIGHT * np.eye(10)
+    for place, axis in ((0, 3), (1, 2)):
+        into[place, place] = size[place] / (size[axis] * lean / SCALES[axis])
+        into[5 + place, place] = into[place, place] * size[5 + place] / size[place]
+    kept = [0, 1, 2, 3, 4, 7, 8, 9]
+    return into[:, kept], (gain / np.diag(into)).T[kept]
 
 
 def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual: bool) -> Policy:
@@ -214,12 +237,13 @@ def learn(
         robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator
     )
     scale = (RESIDUAL_SCALE if residual else SCALE) * lanes.torque_limit
-    untrained = new_actor(lanes, training, random_of(run.seed))
+    start = None if residual else start_law(lanes, scale)
+    untrained = new_actor(lanes, training, random_of(run.seed), start)
     idle = idle_torques(frictionless_model(known).linearize().B)
     moving = np.eye(lanes.wheels) - idle @ idle.T
     try:
         curve, actors, stopped = _followed(
-            train(lanes, training, moving=moving, torque_scale=scale, seed=run.seed),
+            train(lanes, training, moving=moving, torque_scale=scale, seed=run.seed, start=start),
             untrained,
             lanes,
             training,

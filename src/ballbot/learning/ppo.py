@@ -151,16 +151,38 @@ def random_of(seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, 1])
 
 
-def new_actor(lanes: TaskLanes, training: Training, random: np.random.Generator) -> Layers:
-    """Return the actor before its first update, whose torques are nearly zero."""
+def new_actor(
+    lanes: TaskLanes,
+    training: Training,
+    random: np.random.Generator,
+    start: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+) -> Layers:
+    """Return the actor before its first update, whose torques are nearly zero, or those of a law.
+
+    Of the law are weights into its units (ERRORS, units) and out of them (units, n).
+    """
     sizes = (lanes.observations.shape[1], training.hidden, training.hidden, lanes.wheels)
-    return new_layers(sizes, random, last=0.01)
+    layers = new_layers(sizes, random, last=0.01)
+    if start is not None:
+        into, out = start
+        layers[0][:, : len(out)], layers[0][: len(into), : len(out)] = 0.0, into
+        layers[2][:, : len(out)] = np.eye(training.hidden, len(out))
+        layers[4][: len(out)] = out
+    return layers
 
 
 def train(
-    lanes: TaskLanes, training: Training, *, moving: NDArray[np.float64], torque_scale: float, seed: int
+    lanes: TaskLanes,
+    training: Training,
+    *,
+    moving: NDArray[np.float64],
+    torque_scale: float,
+    seed: int,
+    start: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
 ) -> Iterator[TrainingState]:
     """Train a network, and yield it after each update; the same seed gives the same bits on one machine.
+
+    It starts as the law `start`, see `new_actor`.
 
     The torques (n,) are projected by `moving` (n, n): what four wheels give against each other moves nothing, so that
     no reward teaches the network to leave it.
@@ -168,7 +190,7 @@ def train(
     random, n = random_of(seed), lanes.wheels
     lanes.start()
     hidden = (training.hidden, training.hidden)
-    actor = new_actor(lanes, training, random)
+    actor = new_actor(lanes, training, random, start)
     critic = new_layers((_known_now(lanes).shape[1], *hidden, 1), random, last=0.1)
     spread = np.full(n, np.log(training.spread), np.float32)
     descents = Adam([*actor, spread]), Adam(critic)

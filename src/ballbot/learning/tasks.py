@@ -77,7 +77,7 @@ class Weights:
 
     def per_si(self) -> NDArray[np.float64]:
         """Return the weights (6,) per squared SI unit, of the torques' change in parts of the limit, and `upright`."""
-        costs = [getattr(self, name) / unit**2 for name, unit in _UNITS.items()]
+        costs = [getattr(self, name) / unit ** (1 if name == "position" else 2) for name, unit in _UNITS.items()]
         return np.array([*costs, self.upright])
 
 
@@ -239,7 +239,7 @@ def reward(task, truth, reference, torques, last):
     """Return the reward of a sample that ends in a true state (10,), for torques (n,) after the `last` ones."""
     x, r, w = truth, reference, task.weights
     # beyond what is shown a place is no farther away, so that a velocity still matters there
-    cost = w[0] * min((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2, FARTHEST**2)
+    cost = w[0] * min(np.hypot(r[0] - x[0], r[1] - x[1]), FARTHEST)
     cost += w[1] * ((r[5] - x[5]) ** 2 + (r[6] - x[6]) ** 2)
     cost += w[2] * (r[4] - x[4]) ** 2
     cost += w[3] * (x[7] ** 2 + x[8] ** 2) + w[4] * x[9] ** 2
