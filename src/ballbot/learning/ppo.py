@@ -42,6 +42,7 @@ class Training:
     trace: float = 0.97  #: lambda of the advantages
     clip: float = 0.2  #: largest change of a decision's probability that gains
     rate: float = 3e-3  #: of Adam at the start; it falls to a tenth
+    actor: float = 1.0  #: rate of the actor over the critic's
     spread: float = 0.6  #: standard deviation of the noise at the start, over the torque scale
     hidden: int = 64  #: units of a layer
 
@@ -287,7 +288,7 @@ def _improve(
             enough = np.where(gain > 0.0, ratio > 1.0 + training.clip, ratio < 1.0 - training.clip)
             weight = (np.where(enough, 0.0, -gain * ratio) / len(batch)).astype(np.float32)[:, None]
             slopes = backward(actor, inputs, (weight * z * inverse).astype(np.float32))
-            descents[0].step([*slopes, (weight * (z * z - 1.0)).sum(axis=0)], rate)
+            descents[0].step([*slopes, (weight * (z * z - 1.0)).sum(axis=0)], training.actor * rate)
             value, inputs = forward(critic, known[batch])
             slope = ((value - wanted[batch]) * (2.0 / len(batch))).astype(np.float32)
             descents[1].step(backward(critic, inputs, slope), rate)

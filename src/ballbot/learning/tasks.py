@@ -57,7 +57,7 @@ class Weights:
     """Weights of the cost, each of a squared quantity, and the part of the reward that the cost does not lessen."""
 
     position: float = parameter(
-        "of the distance from the reference, per square of 0.05 m", least=0.0, default=0.1
+        "of the distance from the reference, per square of 0.05 m", least=0.0, default=0.3
     )
     velocity: float = parameter("of the velocity's error, per square of 0.1 m/s", least=0.0, default=0.1)
     heading: float = parameter("of the heading's error, per square of 0.1 rad", least=0.0, default=0.1)
@@ -125,7 +125,7 @@ TASKS = MappingProxyType(
                 reach_heading=0.8,
                 interval=6.0,
                 weights=Weights(
-                    position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
+                    position=0.5, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
                 ),
             ),
             Task(
@@ -133,7 +133,7 @@ TASKS = MappingProxyType(
                 drive=0.5,
                 interval=6.0,
                 # a place that was left behind while the robot speeds up does not matter much
-                weights=Weights(position=0.002, lean_rate=0.002, torque_change=0.003),
+                weights=Weights(position=0.02, lean_rate=0.002, torque_change=0.003),
             ),
             Task(name="Push", impulse=8.0),
         )
