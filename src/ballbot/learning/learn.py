@@ -19,7 +19,7 @@ from ballbot.control.parts.disturbance_observer import idle_torques
 from ballbot.control.parts.policy import SCALES, VERSION, Policy
 from ballbot.control.presets import nominal_controller
 from ballbot.control.presets.nominal import design_gain
-from ballbot.control.presets.precise import PRECISE_STATE_WEIGHTS
+from ballbot.control.presets.precise import ERROR_LEAN, PRECISE_STATE_WEIGHTS
 from ballbot.control.references import hold
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.learning.contract import Contract
@@ -51,8 +51,9 @@ _RECOVERED_WITHIN = 5.0
 SCALE, RESIDUAL_SCALE = 2.0, 0.8
 #: weight of an error into a unit that is to stay nearly straight
 _STRAIGHT = 0.2
-ERROR_LEAN=0.5
-POSITION = 4.0
+#: weights of x and y in the law that a policy starts as [1/m^2]: with the precise controller's 2000 its dry friction
+#: moves `alten` by 30 mm from its place, with this by 13
+_START_WEIGHT = 8000.0
 #: seconds of the loop in which a baseline's reward is measured, and robots
 _BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
 #: the film has the policies after these parts of a training, which are 0, 5, 10 and 30 s of one that takes 30 s, and so
@@ -115,7 +116,8 @@ def start_law(lanes: TaskLanes, scale: float) -> tuple[NDArray[np.float64], NDAr
     for the errors of position and velocity along an axis: together they command at most the lean of precise controllers.
     """
     robot, held = lanes.robot, lanes.repeat * lanes.sample_time
-    gain = design_gain(robot, state_weights=(POSITION*2000.,POSITION*2000.,*PRECISE_STATE_WEIGHTS[2:]), sample_time=held).gain * SCALES / scale
+    weights = (_START_WEIGHT, _START_WEIGHT, *PRECISE_STATE_WEIGHTS[2:])
+    gain = design_gain(robot, state_weights=weights, sample_time=held).gain * SCALES / scale
     size = np.linalg.norm(gain, axis=0)
     torque = lanes.torque_limit - max(robot.friction.breakaway)
     lean = ERROR_LEAN * torque / torque_of_lean(robot)

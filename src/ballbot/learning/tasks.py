@@ -77,7 +77,9 @@ class Weights:
 
     def per_si(self) -> NDArray[np.float64]:
         """Return the weights (6,) per squared SI unit, of the torques' change in parts of the limit, and `upright`."""
-        costs = [getattr(self, name) / unit ** (1 if name == "position" else 2) for name, unit in _UNITS.items()]
+        costs = [
+            getattr(self, name) / unit ** (1 if name == "position" else 2) for name, unit in _UNITS.items()
+        ]
         return np.array([*costs, self.upright])
 
 
