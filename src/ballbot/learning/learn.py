@@ -113,7 +113,7 @@ def start_law(lanes: TaskLanes, scale: float) -> tuple[NDArray[np.float64], NDAr
     """Return the law that a policy alone starts as: weights of 8 units of tanh (10, 8), and of its outputs (8, n).
 
     It is the precise gain for torques as they are held. A unit is small, so that its tanh is nearly straight, except
-    for the errors of position and velocity along an axis: together they command at most the lean of precise controllers.
+    for the errors of position and velocity along an axis: together they command at most a lean as precise controllers'.
     """
     robot, held = lanes.robot, lanes.repeat * lanes.sample_time
     weights = (_START_WEIGHT, _START_WEIGHT, *PRECISE_STATE_WEIGHTS[2:])
