@@ -233,7 +233,8 @@ def campaign() -> Section:
         "shown is the middle one of the course, on the twin another one with each seed. Beside them: whether all of "
         "them fall less often, or equally often and have the better number by the interval of the difference, seed "
         "by seed. Policies alone are compared with the best designed controller of the course, the others with the "
-        "precise one, whose cap of speed for people's safety is raised to what the motors allow. A run that fell enters no mean but those of rising pushes and the largest speed. ≥ where some "
+        "precise one, whose cap of speed for people's safety is raised to what the motors allow. "
+        "A run that fell enters no mean but those of rising pushes and the largest speed. ≥ where some "
         "run had not arrived, or was not at rest, at its end.",
         columns=["course, plant", *DESIGNED, "learned", "which", "onto precise", "which"],
         rows=[by_course[name, plant] for name in TASK_OF for plant in ("loop", "twin")],

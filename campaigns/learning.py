@@ -142,8 +142,8 @@ def campaign() -> Section:
         f"{len(TWIN_RUNS)} seeds {sum(TWIN_RUNS)} times in all on the twin. Times are by the clock of this machine; "
         "the LQR is the nominal one with the Kalman filter. Trained in the boxes of `--randomize boxes`, with grip and "
         f"slip. Pushes: single ones of {PUSHED:.0%} of the bound at the policies' torque limit, from {DIRECTIONS} "
-        f"directions, {PUSH_SEEDS} seeds, on the loop with slip and without the law that catches a policy; the bound is "
-        "that of the linear model without friction whose torque acts so late after the push begins.",
+        f"directions, {PUSH_SEEDS} seeds, on the loop with slip and without the law that catches a policy; the bound "
+        "is that of the linear model without friction whose torque acts so late after the push begins.",
         columns=[
             "task, controller",
             "training [s]",

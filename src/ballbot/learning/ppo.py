@@ -23,8 +23,8 @@ _MEMORY, _SQUARES, _LARGEST_SLOPE = 0.9, 0.999, 0.5
 #: entries of the true state that the critic sees beside the observation, and what counts as 1 of them
 _KNOWN_STATE, _KNOWN_SCALES = (2, 3, 5, 6, 7, 8, 9), np.array([0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0])
 _MOST_KNOWN = 4.0
-#: of a training that starts as a law: rate of the actor over the critic's, and `Training.spread`. With 0.3 and 0.1 Drive
-#: lost the law and fell ever after; with 0.1 and 0.2 Track held its place less well
+#: of a training that starts as a law: rate of the actor over the critic's, and `Training.spread`. With 0.3 and 0.1
+#: Drive lost the law and fell ever after; with 0.1 and 0.2 Track held its place less well
 _FROM_A_LAW = 0.03, 0.1
 
 
