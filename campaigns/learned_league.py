@@ -71,7 +71,9 @@ def trained(piece: tuple[str, str, int]) -> Learned:
 
 def designed() -> dict[str, Feedback]:
     """Return the designed controllers by name."""
-    found = {one.name: one.controller(known_robot()) for one in parse_candidates(DESIGNED)}
+    found: dict[str, Feedback] = {
+        one.name: one.controller(known_robot()) for one in parse_candidates(DESIGNED)
+    }
     return found | {"precise": precise()}
 
 

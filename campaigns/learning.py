@@ -60,7 +60,7 @@ def largest_push(robot: Robot, torque: float, answer: float) -> float:
     """
     model = frictionless_model(robot)
     linear = model.linearize()
-    rates, vectors = np.linalg.eig(linear.A.T)
+    rates, vectors = (np.asarray(part, np.complex128) for part in np.linalg.eig(linear.A.T))
     unstable = np.argsort(-rates.real)[:2]
     p = float(rates.real[unstable[0]])
     basis = np.linalg.svd(np.hstack([vectors.real[:, unstable], vectors.imag[:, unstable]]))[0][:, :2].T

@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.control.controller import torque_of_lean
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import precise_controller
+from ballbot.control.presets.nominal import design_gain
+from ballbot.control.presets.precise import PRECISE_STATE_WEIGHTS
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.learning.lanes import TaskLanes
-from ballbot.learning.learn import base_controller, confirm, film, learn, policy_of
-from ballbot.learning.ppo import Training, forward, new_layers
+from ballbot.learning.learn import base_controller, confirm, film, learn, policy_of, start_law
+from ballbot.learning.ppo import Training, forward, new_layers, random_of
+from ballbot.learning.ppo import new_actor as new_start
 from ballbot.learning.tasks import task_named
 from ballbot.twin.scenario import Scenario
 from tests.learning.test_lanes import ROBOTS
@@ -20,9 +24,9 @@ KNOWN = ROBOTS[0].imperfections.known or ROBOTS[0].model.robot
 SMALL = Training(lanes=40, decisions=8, updates=2, batches=2)
 
 
-def controller_of(lanes, actor, *, residual=False):
+def controller_of(lanes, actor, *, residual=False, scale=3.0):
     base = base_controller(KNOWN)
-    policy = policy_of(actor, lanes, torque_scale=3.0, residual=residual)
+    policy = policy_of(actor, lanes, torque_scale=scale, residual=residual)
     policy = replace(policy, largest_lean=lanes.task.fallen)  # so that it acts wherever it is tried here
     return base.with_parts(replace(base.parts, policy=policy))
 
@@ -108,12 +112,34 @@ def test_film_has_the_robot_after_the_seconds_of_learning(monkeypatch):
     learned = learn(ROBOTS, task_named("balance"), training=replace(SMALL, updates=6))
     assert list(learned.stages) == [0.0, 4.0, 9.0, 30.0]
     np.testing.assert_array_equal(learned.stages[30.0].packed, learned.controller.packed)
-    # before the first update it gives hardly any torque
-    state = np.array([0.0, 0.0, 0.1, *7 * [0.0]])
-    assert np.abs(learned.stages[0.0].update(0.0, state, np.zeros(10))).max() < 0.1
     runs = film(learned, KNOWN, Scenario.named("nominal", KNOWN))
     assert list(runs) == [f"{seconds} s" for seconds in (0, 4, 9, 30)]
-    assert runs["0 s"].ended
+    assert not runs["0 s"].ended
+
+
+def test_training_starts_as_the_gain_with_a_bounded_lean_command():
+    lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=1)
+    scale = 2.0 * lanes.torque_limit
+    actor = new_start(lanes, SMALL, random_of(0), start_law(lanes, scale))
+    controller = controller_of(lanes, actor, scale=scale)
+    gain = design_gain(
+        KNOWN, state_weights=(8000.0, 8000.0, *PRECISE_STATE_WEIGHTS[2:]), sample_time=0.01
+    ).gain
+
+    def torques(place, size):
+        state = np.zeros(10)
+        state[place] = size
+        controller.reset()
+        return controller.update(0.0, state, np.zeros(10))
+
+    for place, size in enumerate((1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2)):
+        # the other units are random with outputs of a hundredth
+        np.testing.assert_allclose(torques(place, size), -gain[:, place] * size, atol=0.02)
+    # twice as far commands no more than half of the lean that the torque limit holds
+    lean = 0.5 * (lanes.torque_limit - max(KNOWN.friction.breakaway)) / torque_of_lean(KNOWN)
+    bound = np.linalg.norm(gain[:, 3]) * lean
+    assert np.linalg.norm(torques(0, 0.5)) < bound + 0.05
+    assert np.linalg.norm(gain[:, 0]) * 0.5 > 2.0 * bound
 
 
 def test_policy_for_another_sample_time_is_refused():

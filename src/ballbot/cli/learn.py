@@ -44,9 +44,9 @@ def learn(
     change: options.Changes = None,
     out: options.Out,
 ) -> None:
-    """Learn a controller for a task from nothing, on simulated robots; then try it on fresh ones.
+    """Learn a controller for a task on simulated robots; then try it on fresh ones.
 
-    A small network learns by proximal policy optimisation on the compiled loop. The controller that it writes is used
+    A small network, at first a stiff law, learns by proximal policy optimisation on the compiled loop. The controller that it writes is used
     as every other one: ballbot compare, simulate, export. Where the robot's state is not like those of the training, a
     linear law acts. Ctrl-C ends the training and keeps the best policy.
 

@@ -1,4 +1,4 @@
-"""A controller learned from nothing: training on the compiled loop, the policy in a controller, and its trial."""
+"""A learned controller: training on the compiled loop, the policy in a controller, and its trial."""
 
 from __future__ import annotations
 

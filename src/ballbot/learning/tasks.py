@@ -57,7 +57,7 @@ class Weights:
     """Weights of the cost, each of a squared quantity, and the part of the reward that the cost does not lessen."""
 
     position: float = parameter(
-        "of the distance from the reference, per square of 0.05 m", least=0.0, default=0.3
+        "of the distance from the reference, per square of 0.05 m", least=0.0, default=0.1
     )
     velocity: float = parameter("of the velocity's error, per square of 0.1 m/s", least=0.0, default=0.1)
     heading: float = parameter("of the heading's error, per square of 0.1 rad", least=0.0, default=0.1)
@@ -77,9 +77,7 @@ class Weights:
 
     def per_si(self) -> NDArray[np.float64]:
         """Return the weights (6,) per squared SI unit, of the torques' change in parts of the limit, and `upright`."""
-        costs = [
-            getattr(self, name) / unit ** (1 if name == "position" else 2) for name, unit in _UNITS.items()
-        ]
+        costs = [getattr(self, name) / unit**2 for name, unit in _UNITS.items()]
         return np.array([*costs, self.upright])
 
 
@@ -127,7 +125,7 @@ TASKS = MappingProxyType(
                 reach_heading=0.8,
                 interval=6.0,
                 weights=Weights(
-                    position=0.5, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
+                    position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
                 ),
             ),
             Task(
@@ -135,7 +133,7 @@ TASKS = MappingProxyType(
                 drive=0.5,
                 interval=6.0,
                 # a place that was left behind while the robot speeds up does not matter much
-                weights=Weights(position=0.02, lean_rate=0.002, torque_change=0.003),
+                weights=Weights(position=0.002, lean_rate=0.002, torque_change=0.003),
             ),
             Task(name="Push", impulse=8.0),
         )
@@ -241,7 +239,7 @@ def reward(task, truth, reference, torques, last):
     """Return the reward of a sample that ends in a true state (10,), for torques (n,) after the `last` ones."""
     x, r, w = truth, reference, task.weights
     # beyond what is shown a place is no farther away, so that a velocity still matters there
-    cost = w[0] * min(np.hypot(r[0] - x[0], r[1] - x[1]), FARTHEST)
+    cost = w[0] * min((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2, FARTHEST**2)
     cost += w[1] * ((r[5] - x[5]) ** 2 + (r[6] - x[6]) ** 2)
     cost += w[2] * (r[4] - x[4]) ** 2
     cost += w[3] * (x[7] ** 2 + x[8] ** 2) + w[4] * x[9] ** 2
