@@ -46,9 +46,9 @@ def learn(
 ) -> None:
     """Learn a controller for a task on simulated robots; then try it on fresh ones.
 
-    A small network, at first a stiff law, learns by proximal policy optimisation on the compiled loop. The controller that it writes is used
-    as every other one: ballbot compare, simulate, export. Where the robot's state is not like those of the training, a
-    linear law acts. Ctrl-C ends the training and keeps the best policy.
+    A small network, at first a stiff law, learns by proximal policy optimisation on the compiled loop. The controller
+    that it writes is used as every other one: ballbot compare, simulate, export. Where the robot's state is not like
+    those of the training, a linear law acts. Ctrl-C ends the training and keeps the last policy that did not fall.
 
     Writes report.html (with the learning curve, and a film of the robot before the training and after a sixth, a third
     and all of it), results.json, controller.toml, robot.toml, and contract.json, which says what the policy observes

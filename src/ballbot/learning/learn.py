@@ -119,8 +119,8 @@ def start_law(lanes: TaskLanes, scale: float) -> tuple[NDArray[np.float64], NDAr
     weights = (_START_WEIGHT, _START_WEIGHT, *PRECISE_STATE_WEIGHTS[2:])
     gain = design_gain(robot, state_weights=weights, sample_time=held).gain * SCALES / scale
     size = np.linalg.norm(gain, axis=0)
-    torque = lanes.torque_limit - max(robot.friction.breakaway)
-    lean = ERROR_LEAN * torque / torque_of_lean(robot)
+    left = max(lanes.torque_limit - max(robot.friction.breakaway), 0.1 * lanes.torque_limit)
+    lean = ERROR_LEAN * left / torque_of_lean(robot)
     into = _STRAIGHT * np.eye(10)
     for place, axis in ((0, 3), (1, 2)):
         into[place, place] = size[place] / (size[axis] * lean / SCALES[axis])
