@@ -135,11 +135,11 @@ def test_training_starts_as_the_gain_with_a_bounded_lean_command():
     for place, size in enumerate((1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2)):
         # the other units are random with outputs of a hundredth
         np.testing.assert_allclose(torques(place, size), -gain[:, place] * size, atol=0.02)
-    # twice as far commands no more than half of the lean that the torque limit holds
+    # farther away it commands no more than half of the lean that the torque limit holds
     lean = 0.5 * (lanes.torque_limit - max(KNOWN.friction.breakaway)) / torque_of_lean(KNOWN)
     bound = np.linalg.norm(gain[:, 3]) * lean
     assert np.linalg.norm(torques(0, 0.5)) < bound + 0.05
-    assert np.linalg.norm(gain[:, 0]) * 0.5 > 2.0 * bound
+    assert np.linalg.norm(gain[:, 0]) * 0.5 > 1.5 * bound
 
 
 def test_policy_for_another_sample_time_is_refused():
