@@ -2,6 +2,7 @@
 
 import ctypes
 import tempfile
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.gain_set import tunable
 from ballbot.control.law import ALLOWED, LAW, LAW_SIZE, MEMORY, control_law
+from ballbot.control.parts.planner import Planner
 from ballbot.control.references import circle
 from ballbot.control.tuning import Setting
 from ballbot.firmware.build import compile_sources, compilers, weights_folder
@@ -69,6 +71,12 @@ def mixing() -> Controller:
     return tunable(whole, others)
 
 
+def planning() -> Controller:
+    """Return a controller with every part and the planner."""
+    whole = everything(alten(FRICTION))
+    return whole.with_parts(replace(whole.parts, planner=Planner(torque_limit=1.5, speed_limit=1.0)))
+
+
 def random_setting(random: np.random.Generator) -> Setting:
     weights = tuple(random.dirichlet(np.ones(3)).tolist())
     return Setting(weights=weights, compensation=random.uniform())
@@ -82,6 +90,7 @@ EXAMPLES = {
     ),
     "policy alone": CONTROLLERS["policy alone, 3 wheels"],
     "three gains": mixing,
+    "planner": planning,
 }
 
 

@@ -23,6 +23,7 @@ from ballbot.control.parts import (
     lean_limit,
     notch,
     part,
+    planner,
     policy,
     prediction,
     reference_shaping,
@@ -65,8 +66,8 @@ NAMES = {
     **{name: name for name in ("PSI", "SHOWN_PSI", "X", "PIVOTING_SEEN")},
 }
 #: the parts that are written; not the policy
-PARTS = (tuning, disturbance_observer, prediction, reference_shaping, feed_forward, lean_limit, integral, compensation,
-         notch)  # fmt: skip
+PARTS = (tuning, disturbance_observer, prediction, reference_shaping, planner, feed_forward, lean_limit, integral,
+         compensation, notch)  # fmt: skip
 _NUMBERS, _GYRO = Type("float", ("10",)), Type("float", ("3",))
 _LEVER, _STATES = Type("float", ("2", "3")), Type("float", ("STATES",))
 

@@ -40,6 +40,7 @@ from ballbot.control.parts.part import (
     heading_frame,
     turned_state,
 )
+from ballbot.control.parts.planner import plan_gently, plan_motion, restart_planner
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
@@ -130,9 +131,12 @@ def _followed(law, memory, pose, ahead, reference, wanted):
     asked = Pose(wanted.x - pose.x, wanted.y - pose.y, wanted.psi - pose.psi)
     if follows_plan(law, memory, reference):
         restart_shaping(memory, wanted)
+        restart_planner(memory, wanted)
         return planned(law, memory, ahead.a, reference, asked)
     if law.shaping.on == 0:
         return FollowedMotion(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
+    if law.planner.on == 1:
+        return plan_motion(law, memory, pose, ahead, wanted)
     return shape(law, memory, pose, ahead, wanted)
 
 
@@ -240,6 +244,7 @@ def decide(law, memory, weights, measured, reference, torques, n):
     less = limit_error(law, memory, error_with_lean)
     if less.limited:
         slow_motion(law, memory)
+        plan_gently(memory)
     now = Sample(ahead.a, ahead.state, to, less.e)
     for i in range(n):
         torques[i] = _feedback(law.gain[i], now.e)

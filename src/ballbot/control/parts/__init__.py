@@ -13,6 +13,7 @@ from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.part import Part
+from ballbot.control.parts.planner import Planner
 from ballbot.control.parts.policy import Policy
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
@@ -41,6 +42,7 @@ class Parts:
     """
 
     shaping: ReferenceShaping | None = None  #: turns references into smooth motions
+    planner: Planner | None = None  #: plans motions on line
     feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
     integral: IntegralAction | None = None  #: removes lasting errors
     disturbance_observer: DisturbanceObserver | None = None  #: estimates the lost torque and adds it

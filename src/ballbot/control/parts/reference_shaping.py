@@ -182,6 +182,30 @@ def shape(law, memory, pose, ahead, wanted):
 
 
 @inlined
+def shape_heading(law, memory, pose, ahead, wanted):
+    """Return the shaped heading, relative to the measured one, and advance the memory."""
+    own, state = law.shaping, memory.shaping
+    if state.started == 0:
+        _start(state, Pose(pose.x, pose.y, pose.psi + ahead.state.psi), wanted)
+    heading = _Limits(
+        own.yaw_frequency,
+        own.yaw_decay,
+        own.yaw_gone,
+        own.yaw_frequency / own.rate,
+        own.yaw_rate,
+        own.yaw_acceleration,
+        0.0,
+        own.yaw_prompt,
+        0.0,
+    )
+    turn = Pair(wanted.psi - state.followed[2] - state.followed_rest[2], 0.0)
+    place, turn_before = _place_of(state), _turn_of(state)
+    turn_after = _moved(own, heading, turn_before, Pair(wanted.psi, 0.0), turn)
+    _keep(state, place, turn_after)
+    return _lagged(heading, state, 2, state.velocity[2] / own.rate, pose.psi)
+
+
+@inlined
 def _left(law, memory, a):
     """Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them."""
     own, sums, most = memory.shaping, memory.integral.sums, 0.0

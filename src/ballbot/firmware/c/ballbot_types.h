@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "6b05c074acc69586249075b7a65e321c39ea91576a6015ceeb615010534674b6"
+#define BALLBOT_SCHEMA_DIGEST "37191dad2e0963dc065901cb1440c9615223c41e063edfcc313c18f3df857a8a"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1795539060, 751211910, 613447095, 643707420, 971673943, 1784681934, 1801539600, 1397126326 }
+#define BALLBOT_SCHEMA_WORDS { 924392877, 772367324, 106496459, 339790177, 1378075678, 104783820, 826022131, 1602583178 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -95,6 +95,44 @@ struct ballbot_shaping_record {
     float late; /* [1] */
 };
 typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 18u * sizeof(float)) ? 1 : -1];
+
+/* The sampled planner. */
+struct ballbot_planner_record {
+    int32_t on;
+    int32_t every;
+    int32_t steps;
+    int32_t wheels;
+    float rate; /* [1/s] */
+    float falling; /* [1/s] */
+    float square; /* [s^2] */
+    float ball; /* [s^2] */
+    float interval[5]; /* [s] */
+    float kept[5]; /* [1] */
+    float early[5]; /* [1] */
+    float late[5]; /* [1] */
+    float sample[3]; /* [1] */
+    float inverse[BALLBOT_MAX_WHEELS][23][23]; /* [1] */
+    float by_lead[BALLBOT_MAX_WHEELS][23]; /* [1] */
+    float by_start[BALLBOT_MAX_WHEELS][23][4]; /* [1] */
+    float by_reference[BALLBOT_MAX_WHEELS][23][3]; /* [1] */
+    float frame[BALLBOT_MAX_WHEELS][2]; /* [1] */
+    float rolling[BALLBOT_MAX_WHEELS][2]; /* [rad/m] */
+    float most; /* [m/s^2] */
+    float viscous; /* [m/(s rad)] */
+    float dry; /* [m/s^2] */
+    float turning; /* [m/s^2] */
+    float worst; /* [1] */
+    float torque; /* [1/(kg m)] */
+    float weight[BALLBOT_MAX_WHEELS]; /* [1] */
+    float force[BALLBOT_MAX_WHEELS]; /* [1] */
+    float change; /* [m/s^2] */
+    float speed; /* [m/s] */
+    float prompt; /* [m/s] */
+    float far; /* [m] */
+    float delay; /* [s] */
+    float late_reference; /* [1] */
+};
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2919u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -189,6 +227,7 @@ struct ballbot_law {
     struct ballbot_compensation_record compensation;
     struct ballbot_tuning_record tuning;
     struct ballbot_shaping_record shaping;
+    struct ballbot_planner_record planner;
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
     struct ballbot_observer_record disturbance_observer;
@@ -197,7 +236,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1421u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4340u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -250,7 +289,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1523u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4442u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -346,6 +385,52 @@ struct ballbot_shaping_state {
 };
 typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 44u * sizeof(float)) ? 1 : -1];
 
+/* The plan, its rows and what the solver works with; places are relative to s. */
+struct ballbot_planner_state {
+    int32_t started;
+    int32_t since;
+    float place[2]; /* [m] */
+    float place_rest[2]; /* [m] */
+    float motion[2]; /* [m/s] */
+    float lag[2]; /* [m/s^2] */
+    float lead[2]; /* [m/s^2] */
+    float now[2]; /* [m/s^2] */
+    float a[2][24]; /* [m/s^2] */
+    float torque[24][2]; /* [m/s^2] */
+    float torque_z[24][2]; /* [m/s^2] */
+    float change[24][2]; /* [m/s^2] */
+    float change_z[24][2]; /* [m/s^2] */
+    float speed[24][2]; /* [m/s] */
+    float speed_z[24][2]; /* [m/s] */
+    float way[24][2]; /* [m] */
+    float way_z[24][2]; /* [m] */
+    float last[2]; /* [m] */
+    float reference[2]; /* [m/s] */
+    float bend[2]; /* [m/s^2] */
+    float lost[2]; /* [m/s^2] */
+    float catching; /* [1] */
+    int32_t solving;
+    float begun[2][4]; /* [m] */
+    float needs[2]; /* [m/s^2] */
+    float moved[2]; /* [m] */
+    float wall[BALLBOT_MAX_WHEELS]; /* [m] */
+    float most; /* [m/s^2] */
+    float hedge; /* [1] */
+    float v[24][2]; /* [m/s] */
+    float y[24][2]; /* [m] */
+    float free_v[24][2]; /* [m/s] */
+    float free_y[24][2]; /* [m] */
+    float none[24]; /* [m/s^2] */
+    float start[2][23]; /* [1] */
+    float pull[24]; /* [1] */
+    float ahead[24]; /* [m/s^2] */
+    float force_v[24]; /* [1] */
+    float force_y[24]; /* [1] */
+    float drag[24][2]; /* [m/s^2] */
+    float radius[24]; /* [m/s^2] */
+};
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 904u * sizeof(float)) ? 1 : -1];
+
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
     int32_t started;
@@ -404,6 +489,7 @@ struct ballbot_memory {
     struct ballbot_heading_memory reference_heading;
     struct ballbot_tuning_state tuning;
     struct ballbot_shaping_state shaping;
+    struct ballbot_planner_state planner;
     struct ballbot_feed_forward_state feed_forward;
     struct ballbot_integral_state integral;
     struct ballbot_observer_state disturbance_observer;
@@ -412,7 +498,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 556u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1460u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -459,7 +545,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 883u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1787u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -36,10 +36,14 @@ static struct ballbot_followed_motion followed(const struct ballbot_law *law, st
 
     if (ballbot_follows_plan(law, memory, reference)) {
         ballbot_restart_shaping(memory, wanted);
+        ballbot_restart_planner(memory, wanted);
         return ballbot_planned(law, memory, ahead->a, reference, asked);
     }
     if (law->shaping.on == 0) {
         return (struct ballbot_followed_motion){ at_rest(asked.x), at_rest(asked.y), at_rest(asked.psi) };
+    }
+    if (law->planner.on == 1) {
+        return ballbot_plan_motion(law, memory, pose, ahead, wanted);
     }
     return ballbot_shape(law, memory, pose, ahead, wanted);
 }
@@ -144,6 +148,7 @@ void ballbot_decide(const struct ballbot_law *law, struct ballbot_memory *memory
 
     if (less.limited) {
         ballbot_slow_motion(law, memory);
+        ballbot_plan_gently(memory);
     }
     const struct ballbot_sample now = { ahead.a, ahead.state, to, less.e };
 

@@ -34,12 +34,6 @@
  */
 #include "parts/steps.h"
 
-/* lag of the torque against disturbances [s] */
-#define LASTING 1.0f
-/* least fraction of the limit of acceleration that disturbances leave, and of these the drag */
-#define LEAST_LEFT 0.25f
-/* weight of the torque against disturbances: a motion that changes needs more than its acceleration does */
-#define RESERVE 1.5f
 /* rounding by which a motion at the limit of speed may exceed it */
 #define ROUNDING 0.001f
 /* deceleration b that p expects of itself, over the limit a */
@@ -50,6 +44,12 @@
 #define FAST 1.5f
 /* t_0 [s]: by then most of r' is gone after a stop */
 #define NOTICED 0.09375f
+/* least fraction of the limit of acceleration that disturbances leave, and of these the drag */
+#define LEAST_LEFT 0.25f
+/* lag of the torque against disturbances [s] */
+#define LASTING 1.0f
+/* weight of the torque against disturbances: a motion that changes needs more than its acceleration does */
+#define RESERVE 1.5f
 
 /* Lags and limits of the position or of the heading. */
 struct limits {
@@ -106,26 +106,6 @@ void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose 
         own->change[axis] = 0.0f;
         own->bend[axis] = 0.0f;
     }
-}
-
-/* Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them. */
-static float left(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
-{
-    struct ballbot_shaping_state *own = &memory->shaping;
-    const float *sums = memory->integral.sums;
-    float most = 0.0f;
-    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
-
-    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
-        const float *gain = law->integral.gain[i];
-        const float *more = memory->tuning.integral[i];
-        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
-        const float lost = memory->disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2];
-
-        most = ballbot_larger(most, ballbot_magnitude(lost));
-    }
-    own->lost += (most - own->lost) / (LASTING * law->shaping.rate + 1.0f);
-    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * own->lost / law->torque_limit);
 }
 
 /* Return the motion of the position that the memory holds. */
@@ -281,6 +261,48 @@ static struct ballbot_smooth_reference lagged(const struct limits *lags, struct 
     ballbot_add(&s[2], &rest[2], a * (g * d_2 + half * d_1) - gone * d_3);
     ballbot_add(&s[3], &rest[3], a * (g * d_3 + half * d_2 + sixth * d_1) - gone * d_4);
     return motion;
+}
+
+/* Return the shaped heading, relative to the measured one, and advance the memory. */
+struct ballbot_smooth_reference ballbot_shape_heading(const struct ballbot_law *law, struct ballbot_memory *memory,
+        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted)
+{
+    const struct ballbot_shaping_record *own = &law->shaping;
+    struct ballbot_shaping_state *state = &memory->shaping;
+
+    if (state->started == 0) {
+        start(state, (struct ballbot_pose){ pose.x, pose.y, pose.psi + ahead->state.psi }, wanted);
+    }
+    const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone,
+        own->yaw_frequency / own->rate, own->yaw_rate, own->yaw_acceleration, 0.0f, own->yaw_prompt, 0.0f };
+    const struct ballbot_pair turn = { wanted.psi - state->followed[2] - state->followed_rest[2], 0.0f };
+    const struct motion place = place_of(state);
+    const struct motion turn_before = turn_of(state);
+    const struct motion turn_after = moved(own, &heading, &turn_before, (struct ballbot_pair){ wanted.psi, 0.0f },
+        turn);
+
+    keep(state, &place, &turn_after);
+    return lagged(&heading, state, 2, state->velocity[2] / own->rate, pose.psi);
+}
+
+/* Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them. */
+static float left(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
+{
+    struct ballbot_shaping_state *own = &memory->shaping;
+    const float *sums = memory->integral.sums;
+    float most = 0.0f;
+    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
+
+    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        const float *gain = law->integral.gain[i];
+        const float *more = memory->tuning.integral[i];
+        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
+        const float lost = memory->disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2];
+
+        most = ballbot_larger(most, ballbot_magnitude(lost));
+    }
+    own->lost += (most - own->lost) / (LASTING * law->shaping.rate + 1.0f);
+    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * own->lost / law->torque_limit);
 }
 
 /* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */

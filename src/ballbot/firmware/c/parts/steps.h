@@ -41,12 +41,26 @@ struct ballbot_predicted ballbot_predict(const struct ballbot_law *law, struct b
 /* Let the shaping go on from a pose at rest: a plan, which is followed without it, ends there. */
 void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose wanted);
 
+/* Return the shaped heading, relative to the measured one, and advance the memory. */
+struct ballbot_smooth_reference ballbot_shape_heading(const struct ballbot_law *law, struct ballbot_memory *memory,
+        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
+
 /* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */
 struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
 
 /* Leave motions the least acceleration: the robot needs its torque to catch itself. */
 void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *memory);
+
+/* Let the planner go on from a pose at rest: a plan, which is followed without it, ends there. */
+void ballbot_restart_planner(struct ballbot_memory *memory, struct ballbot_pose wanted);
+
+/* Return the motion to a pose, relative to the measured one, and advance the memory. */
+struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law, struct ballbot_memory *memory,
+        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
+
+/* Leave motions the least torque: the robot needs its torque to catch itself. */
+void ballbot_plan_gently(struct ballbot_memory *memory);
 
 /* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10]);
