@@ -81,6 +81,7 @@ from tests.support.failing_motor import FailingMotor, Fault
 RUNS: Mapping[int, str] = {
     826_914_075: "none: the first run",
     482_173_363: "gain of light robots, usual friction by load, radius and turn of the wheels always weighed",
+    552_001_361: "soft gain at most twice as fast as the fall, its fast ones on the filter's state",
 }
 #: of robots that may be tuned on
 TUNING = 71

@@ -10,7 +10,8 @@ results made with it can be compared; three properties of a robot change it:
 - Viscous friction, as the back-EMF of motors that are driven by a duty, takes so much torque that the loop is lost with
   `TORQUE_LEFT` of it. The gain is then designed with that friction.
 - An encoder is so coarse, or read so often, that a single count changes a torque by more than `COUNT_TORQUE` of the
-  motors' limit. The state is then that of the Kalman filter.
+  motors' limit, or the loop's fastest pole is beyond `SMOOTH` times the rate at which the robot falls. The state is
+  then that of the Kalman filter.
 """
 
 from collections.abc import Sequence
@@ -32,6 +33,9 @@ NOMINAL_TORQUE_WEIGHT = 30.0
 #: Robots such as rob311 had 3.3 to 4.5: with 1 to 2 degrees of play their lean rates swung by 0.2 rad/s, and some fell;
 #: with 2 none of 18 did. With 1.5 they swing less, but rob311 fell in 6 of 6 runs with the nominal scenario's friction
 FASTEST = 2.0
+#: the same, up to which the wheels' play does not shake the on-board state. With 2, the studies of three of seven
+#: robots found no friction in logs of that state, and of all seven in those of the filter's
+SMOOTH = 1.4
 #: part of the torque that must do for balance. A design without friction does with half (0.50 at most on the presets,
 #: with the nominal scenario's friction); robots whose loop is lost with more fell, of dry friction
 TORQUE_LEFT = 0.6
@@ -55,10 +59,10 @@ def design_gain(
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
     plain, viscous = frictionless_model(robot).linearize(), Model(robot).linearize()
-    falling = float(plain.poles().real.max())
+    fastest = FASTEST * _falling(robot)
     weights = np.full(robot.wheel_count, NOMINAL_TORQUE_WEIGHT if torque_weight is None else torque_weight)
     design = lqr(plain, state_weights, weights, sample_time=time)
-    while torque_weight is None and np.abs(design.poles).max() > FASTEST * falling:
+    while torque_weight is None and np.abs(design.poles).max() > fastest:
         weights *= 2.0
         design = lqr(plain, state_weights, weights, sample_time=time)
     F, G = held(viscous.A, viscous.B, time)
@@ -80,8 +84,13 @@ def _with_gain(
     moved = np.array(FilterNoise.of(robot).counts[:2]) / (robot.sensors.sample_time if time is None else time)
     flicker = float(np.abs(design.gain[:, 5:7] * moved).max())
     coarse = flicker > COUNT_TORQUE * robot.drive.torque_limit
-    estimator = "kalman" if coarse else "onboard"
+    fast = np.abs(design.poles).max() > SMOOTH * _falling(robot)
+    estimator = "kalman" if coarse or fast else "onboard"
     return Controller(known, design.gain, sample_time=time, compensation=compensation, estimator=estimator)
+
+
+def _falling(robot: Robot) -> float:
+    return float(frictionless_model(robot).linearize().poles().real.max())
 
 
 KIND = ControllerKind(
