@@ -49,7 +49,7 @@ class _Beside:
         self.firmware.arm()
 
     def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> Floats:
-        wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the shaping differentiates it
+        wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the planner differentiates it
         record = reading_record(self._tap.reading, robot=self.controller.robot)
         torques = self.firmware.update(record, round(1e6 * t), wanted).astype(np.float64)
         self.torques.append(torques - self.controller.update(t, state, wanted))

@@ -26,7 +26,7 @@ from ballbot.control.parts import (
     planner,
     policy,
     prediction,
-    reference_shaping,
+    turning,
 )
 from ballbot.errors import InputError
 from ballbot.estimation import heading, known, onboard, slip, swing
@@ -66,7 +66,7 @@ NAMES = {
     **{name: name for name in ("PSI", "SHOWN_PSI", "X", "PIVOTING_SEEN")},
 }
 #: the parts that are written; not the policy
-PARTS = (tuning, disturbance_observer, prediction, reference_shaping, planner, feed_forward, lean_limit, integral,
+PARTS = (tuning, disturbance_observer, prediction, turning, planner, feed_forward, lean_limit, integral,
          compensation, notch)  # fmt: skip
 _NUMBERS, _GYRO = Type("float", ("10",)), Type("float", ("3",))
 _LEVER, _STATES = Type("float", ("2", "3")), Type("float", ("STATES",))

@@ -65,7 +65,7 @@ def updates(
         state[new] = _new_states(random, int(new.sum()))
         memory[new] = np.zeros((), memory.dtype)  # another run
         jumps = random.uniform(size=lanes) < _JUMP
-        speed[jumps] = random.uniform(-2.2, 2.2, (int(jumps.sum()), 3))  # shaping follows up to 2 m/s
+        speed[jumps] = random.uniform(-2.2, 2.2, (int(jumps.sum()), 3))  # the planner follows up to 2 m/s
         offsets = np.where(random.uniform(size=lanes) < 0.5, 0.05, 1.0)[:, None]
         pose = state[:, [0, 1, 4]] + offsets * random.uniform(-1.0, 1.0, (lanes, 3))
         last = reference.copy()

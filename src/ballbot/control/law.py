@@ -43,7 +43,6 @@ from ballbot.control.parts.part import (
 from ballbot.control.parts.planner import plan_gently, plan_motion, restart_planner
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
-from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
 from ballbot.estimation.heading import HEADING, unwrapped
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
@@ -121,23 +120,20 @@ def _forbidden(reference):
 
 @inlined
 def _at_rest(value):
-    """Return the reference of an axis without shaping."""
+    """Return the reference of an axis without a planner."""
     return SmoothReference(value, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
 def _followed(law, memory, pose, ahead, reference, wanted):
-    """Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for."""
+    """Return the motion that is followed: a plan as it is, or the planned one to the pose that is asked for."""
     asked = Pose(wanted.x - pose.x, wanted.y - pose.y, wanted.psi - pose.psi)
     if follows_plan(law, memory, reference):
-        restart_shaping(memory, wanted)
         restart_planner(memory, wanted)
         return planned(law, memory, ahead.a, reference, asked)
-    if law.shaping.on == 0:
+    if law.planner.on == 0:
         return FollowedMotion(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
-    if law.planner.on == 1:
-        return plan_motion(law, memory, pose, ahead, wanted)
-    return shape(law, memory, pose, ahead, wanted)
+    return plan_motion(law, memory, pose, ahead, wanted)
 
 
 @inlined
@@ -243,7 +239,6 @@ def decide(law, memory, weights, measured, reference, torques, n):
     error_with_lean = lean_error(law, ahead.a, to, error)
     less = limit_error(law, memory, error_with_lean)
     if less.limited:
-        slow_motion(law, memory)
         plan_gently(memory)
     now = Sample(ahead.a, ahead.state, to, less.e)
     for i in range(n):

@@ -13,7 +13,7 @@ that a design need not compile it (`tests/control/test_margins.py` compares the 
     u    = notch(K e + K_I I + d)
     I   += T e of the pose                               d: the disturbance observer's estimate
 
-Not included are friction compensation, limits and the integral's dead band, which are not linear, and reference shaping
+Not included are friction compensation, limits and the integral's dead band, which are not linear, and the planner
 and feed-forward, which act on references only. The plant is the exact model without friction, with torques held over a
 sample and delayed by the time that the controller predicts over. The estimator's lag is not in the loop.
 """

@@ -61,6 +61,7 @@ BOUNDS = (
     Bound("safety.max_unchanged", 0),
     Bound("safety.turning_torque", 0.0, "law.torque_limit"),  # or a wheel that is stuck is never found
     Bound("law.tuning.others", 0, MAX_GAINS - 1),
+    Bound("law.planner.every", "law.planner.on", 1_000),
     Bound("law.prediction.count", 0, MAX_PAST - 2),
     Bound("law.prediction.samples", 0, MAX_PAST - 2),
 )

@@ -44,7 +44,7 @@ from ballbot.workflows.limits import refuse_weaker_gains
 PROJECT = Path(__file__).parent / "project"
 #: folder of the library in what is written
 LIBRARY = "src"
-#: a frequency of the shaping [rad/s] up to which its fourth power and all products stay far within single precision
+#: a frequency of the heading's lags [rad/s] up to which its fourth power and all products stay far within single precision
 _LARGEST_FREQUENCY = 1e4
 #: of a weight
 _BYTES = 4
@@ -138,11 +138,11 @@ def export_controller(
     if others:
         gains = certified(controller)
         refuse_weaker_gains(controller)
-    shaping = controller.parts.shaping
-    if shaping and max(shaping.frequency, shaping.yaw_frequency) > _LARGEST_FREQUENCY:
+    planner = controller.parts.planner
+    if planner and planner.yaw_frequency > _LARGEST_FREQUENCY:
         raise InputError(
-            f"The reference shaping has a frequency of {max(shaping.frequency, shaping.yaw_frequency):g} rad/s; "
-            f"firmware can have up to {_LARGEST_FREQUENCY:g} rad/s."
+            f"The planner has a yaw_frequency of {planner.yaw_frequency:g} rad/s; firmware can have up to "
+            f"{_LARGEST_FREQUENCY:g} rad/s."
         )
     limits = SafetyLimits.on_robot(
         controller.robot,

@@ -44,7 +44,7 @@ _PHASE = 20
 _OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (10.0, 5.0, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
 #: speed by which a wheel slips, or the ball pivots, for four samples of sixty [rad/s]
 _SLIP = 15.0
-#: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
+#: change of the reference in a sample of a phase, over the largest that the planner follows as a motion
 _SLOW = 0.001
 #: the row of a plan in the last of these phases: lean [rad], speed [m/s], and the change of its rate [rad/s]
 _LEAN, _SPEED, _LEAN_RATE = 0.02, 0.3, 0.1

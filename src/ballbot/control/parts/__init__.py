@@ -16,7 +16,6 @@ from ballbot.control.parts.part import Part
 from ballbot.control.parts.planner import Planner
 from ballbot.control.parts.policy import Policy
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError
 
 
@@ -36,14 +35,13 @@ class Parts:
     >>> from ballbot.control.presets import nominal_controller
     >>> controller = nominal_controller("alten")
     >>> quiet = controller.with_parts(Parts(notch=Notch(frequency=12.0)))
-    >>> smooth = controller.with_parts(Parts(shaping=ReferenceShaping(speed_limit=0.3), feed_forward=FeedForward()))
+    >>> smooth = controller.with_parts(Parts(planner=Planner(torque_limit=1.5), feed_forward=FeedForward()))
     >>> [name for name, part in smooth.parts.present()]
-    ['shaping', 'feed_forward']
+    ['planner', 'feed_forward']
     """
 
-    shaping: ReferenceShaping | None = None  #: turns references into smooth motions
-    planner: Planner | None = None  #: plans motions on line
-    feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
+    planner: Planner | None = None  #: makes motions of references that the robot can follow
+    feed_forward: FeedForward | None = None  #: lean and torques that a planned motion needs
     integral: IntegralAction | None = None  #: removes lasting errors
     disturbance_observer: DisturbanceObserver | None = None  #: estimates the lost torque and adds it
     lean_limit: LeanLimit | None = None  #: limits the lean that errors of position and speed command

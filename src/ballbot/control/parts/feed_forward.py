@@ -1,4 +1,4 @@
-"""Feed-forward: the lean and the torques that a shaped or planned motion needs, from the exact model.
+"""Feed-forward: the lean and the torques that a planned motion needs, from the exact model.
 
 Linearised about upright and without friction, with p = (x, y), l = (theta, phi, psi) and torques u,
 
@@ -198,9 +198,9 @@ def add_feed_forward(law, now, torques, n):
 class FeedForward(Part):
     """Give a motion the lean and the torques that it needs, from the exact model; there is nothing to set.
 
-    Takes the second to fourth derivatives of the shaped x and y, turned into the heading frame, and psi's second. Adds
-    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`. A
-    reference with leans and rates, as `ballbot.plan` makes it, is followed as it is, without shaping.
+    Takes the second to fourth derivatives of the planned x and y, turned into the heading frame, and psi's second. Adds
+    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `Planner`. A
+    reference with leans and rates, as `ballbot.plan` makes it, is followed as it is.
 
     Raises
     ------
@@ -209,10 +209,10 @@ class FeedForward(Part):
     """
 
     label = "feed-forward"
-    comment = "A shaped motion is given the lean and the torques that it needs."
+    comment = "A planned motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
     state = FeedForwardState
-    needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
+    needs: ClassVar[Mapping[str, str]] = {"planner": "it uses the derivatives of the planned motion"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return the needed lean, offset and torques of the robot's exact model."""

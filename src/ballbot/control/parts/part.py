@@ -17,7 +17,7 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
 3. Choose a state in which zeros mean rest: this is the memory at the start and after `reset`. If a value does not rest
-   at zero, keep its difference from the start, or a flag `started` (`ShapingState`).
+   at zero, keep its difference from the start, or a flag `started` (`PlannerState`).
 4. Call its steps at their stage of the law: the past sample, the state, the reference, the error, the torques, and at
    the end the slow states.
 5. Leave the torque limit to the law, which clips the filtered torques. If a torque exceeded the limit, or the error

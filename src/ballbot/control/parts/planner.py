@@ -11,7 +11,7 @@ where they are in time; every few samples the plan is made again from where it h
 
     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
     the largest wheel's torque, less friction and what lasting disturbances take, within its limit
-    |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
+    |a_k+1 - a_k| <= a reversal's rate        |y_k'| <= speed limit        (y_k - r) d <= 0
 
 The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
 (What the last plan needs beyond the wall, it is given half of.) A reference that moves faster than the prompt speed may
@@ -25,9 +25,8 @@ as the wheels allow in the direction of the last plan: at a corner of the wheels
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ from ballbot.control.parts.part import (
     turned,
     turned_back,
 )
-from ballbot.control.parts.reference_shaping import shape_heading
+from ballbot.control.parts.turning import FAST, LAG, ROUNDING, start_turning, turn
 from ballbot.mechanics.engine.compensated_sum import add_to
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import MAX_WHEELS, number, whole
@@ -54,25 +53,21 @@ from ballbot.robot.parameters import parameter, parameter_class
 KNOTS, PHASES = 24, 4
 #: unknowns of an axis: the last knot is at rest
 _FREE = KNOTS - 1
+#: intervals of the record: of each phase, and these
+_KNOT, _SAMPLE, _TIMES = PHASES, PHASES + 1, PHASES + 2
 #: steps of the solver for a plan, shared out among its samples
 _STEPS = 12
 #: over-relaxation
 _OVER = 1.625
 # constants that single precision holds exactly, so that the firmware's are these
-#: lag of r' and r'' [s]
-_LAG = 0.046875
 #: time for which the reference is taken to go on bending [s]
 _BENDS = 1.0
 #: way per speed in which the motion ends beyond the horizon [s]
 _TAIL = 0.625
 #: time that a motion takes to turn, by which the wall's direction looks ahead [s]
 _TURNS = 0.75
-#: rounding by which a motion at the limit of speed may exceed it
-_ROUNDING = 1e-3
 #: part of the way beyond the wall that the next plan is given
 _GIVEN = 0.5
-#: ratio of the speeds at which a reference is followed as one that may stop, and as one that goes on
-_FAST = 1.5
 #: fraction of the largest acceleration up to which a reference's bend counts
 _BEND = 0.34375
 #: lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
@@ -86,8 +81,6 @@ _NEAR = 0.01
 #: time in which a reference that was fast counts as slow again [s], and the ratio by which it first does not: until
 #: then r' of one that has stopped is gone
 _HEDGED, _HELD = 1.0, 1.25
-#: rate [rad/s] and angle [rad] from which the heading turns
-_TURNING = 0.01
 #: the rows' weights and largest forces: torque, change, speed, wall
 _TORQUE, _CHANGE, _SPEED, _WALL = 0, 1, 2, 3
 
@@ -101,43 +94,47 @@ class PlannerRecord:
     every: int = field(metadata=whole())
     #: steps of the solver in a sample
     steps: int = field(metadata=whole())
-    wheels: int = field(metadata=whole())
     rate: float = field(metadata=number("1/s"))
     #: p, 1/p^2, 1/p^2 - c
     falling: float = field(metadata=number("1/s"))
     square: float = field(metadata=number("s^2"))
     ball: float = field(metadata=number("s^2"))
-    #: from knot to knot, the first interval of each phase first: h, exp(-p h), and weights of a at its start and end
-    interval: NDArray[np.float64] = field(metadata=number("s", PHASES + 1))
-    kept: NDArray[np.float64] = field(metadata=number("1", PHASES + 1))
-    early: NDArray[np.float64] = field(metadata=number("1", PHASES + 1))
-    late: NDArray[np.float64] = field(metadata=number("1", PHASES + 1))
-    #: the same from sample to sample
-    sample: NDArray[np.float64] = field(metadata=number("1", 3))
+    #: intervals: the first one of each phase, from knot to knot, from sample to sample; exp(-p h), and the weights of a
+    #: at their start and end
+    interval: NDArray[np.float64] = field(metadata=number("s", _TIMES))
+    kept: NDArray[np.float64] = field(metadata=number("1", _TIMES))
+    early: NDArray[np.float64] = field(metadata=number("1", _TIMES))
+    late: NDArray[np.float64] = field(metadata=number("1", _TIMES))
     #: a for pulls, and for what b needs; the pulls of W, W', f, a_0, and of r, r', r''
     inverse: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, _FREE))
     by_lead: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE))
     by_start: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 4))
     by_reference: NDArray[np.float64] = field(metadata=number("1", PHASES, _FREE, 3))
-    #: torques of the wheels in a tight frame for a, and with it their limit, friction (the wheels' mean: one with
-    #: less would have the robot go aside), what turning needs, and its largest
-    #: row
+    #: torques of the wheels in a tight frame for a, its largest row, and by it their limit and friction (the wheels'
+    #: mean: one with less would have the robot go aside)
     frame: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS, 2))
     rolling: NDArray[np.float64] = field(metadata=number("rad/m", MAX_WHEELS, 2))
     most: float = field(metadata=number("m/s^2"))
     viscous: float = field(metadata=number("m/(s rad)"))
     dry: float = field(metadata=number("m/s^2"))
-    turning: float = field(metadata=number("m/s^2"))
     worst: float = field(metadata=number("1"))
     torque: float = field(metadata=number("1/(kg m)"))
+    #: of the rows: weights, and largest multipliers
     weight: NDArray[np.float64] = field(metadata=number("1", 4))
-    force: NDArray[np.float64] = field(metadata=number("1", 4))
+    bound: NDArray[np.float64] = field(metadata=number("1", 4))
     change: float = field(metadata=number("m/s^2"))
     speed: float = field(metadata=number("m/s"))
     prompt: float = field(metadata=number("m/s"))
     far: float = field(metadata=number("m"))
     delay: float = field(metadata=number("s"))
     late_reference: float = field(metadata=number("1"))
+    #: of the heading (`turning`): w, exp(-w h) and 1 less that, which single precision would round; limits
+    yaw_frequency: float = field(metadata=number("rad/s"))
+    yaw_decay: float = field(metadata=number("1"))
+    yaw_gone: float = field(metadata=number("1"))
+    yaw_rate: float = field(metadata=number("rad/s"))
+    yaw_acceleration: float = field(metadata=number("rad/s^2"))
+    yaw_prompt: float = field(metadata=number("rad/s"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,15 +153,9 @@ class PlannerState:
     now: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
     #: a at the knots to come
     a: NDArray[np.float64] = field(metadata=number("m/s^2", 2, KNOTS))
-    #: t and z of the rows
-    torque: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
-    torque_z: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
-    change: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
-    change_z: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
-    speed: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
-    speed_z: NDArray[np.float64] = field(metadata=number("m/s", KNOTS, 2))
-    way: NDArray[np.float64] = field(metadata=number("m", KNOTS, 2))
-    way_z: NDArray[np.float64] = field(metadata=number("m", KNOTS, 2))
+    #: t and z of the rows: torque, change, speed, wall
+    t: NDArray[np.float64] = field(metadata=number("1", 4, KNOTS, 2))
+    z: NDArray[np.float64] = field(metadata=number("1", 4, KNOTS, 2))
     #: the last r, r' and r''
     last: NDArray[np.float64] = field(metadata=number("m", 2))
     reference: NDArray[np.float64] = field(metadata=number("m/s", 2))
@@ -179,8 +170,6 @@ class PlannerState:
     needs: NDArray[np.float64] = field(metadata=number("m/s^2", 2))
     moved: NDArray[np.float64] = field(metadata=number("m", 2))
     wall: NDArray[np.float64] = field(metadata=number("m", 4))
-    #: torque that is left for motions, of the tight frame
-    most: float = field(metadata=number("m/s^2"))
     #: how far the reference is taken as one that may stop, from 0 to 1 and a rest
     hedge: float = field(metadata=number("1"))
     #: work: velocities and places of the plan and without it, pulls, b at the knots, friction, frame in the world
@@ -196,6 +185,15 @@ class PlannerState:
     force_y: NDArray[np.float64] = field(metadata=number("1", KNOTS))
     drag: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS, 2))
     radius: NDArray[np.float64] = field(metadata=number("m/s^2", KNOTS))
+    #: of the heading: four lags, p, v, the last r, r' and r''
+    lags: NDArray[np.float64] = field(metadata=number("rad", 4))
+    lags_rest: NDArray[np.float64] = field(metadata=number("rad", 4))
+    turned: NDArray[np.float64] = field(metadata=number("rad", 1))
+    turned_rest: NDArray[np.float64] = field(metadata=number("rad", 1))
+    turning: float = field(metadata=number("rad/s"))
+    last_psi: float = field(metadata=number("rad"))
+    turn_change: float = field(metadata=number("rad/s"))
+    turn_bend: float = field(metadata=number("rad/s^2"))
 
 
 class _Turn(NamedTuple):
@@ -212,6 +210,7 @@ def plan_motion(law, memory, pose, ahead, wanted):
     if state.started == 0:
         _rest(state, pose.x + ahead.state.x, pose.y + ahead.state.y)
         state.last[0], state.last[1] = wanted.x, wanted.y
+        start_turning(state, pose.psi + ahead.state.psi, wanted.psi)
     _notice(own, state, wanted)
     _lose(law, memory, ahead.a)
     away = Pair(
@@ -223,17 +222,12 @@ def plan_motion(law, memory, pose, ahead, wanted):
         if state.solving == 0:
             _rest(state, wanted.x, wanted.y)
         else:
-            heading = memory.shaping
-            turn = _Turn(heading.velocity[2], wanted.psi - heading.lags[2, 3])
-            moving = abs(turn.rate) > _TURNING or abs(turn.left) > _TURNING
-            most = own.most * max(_LEAST_LEFT, 1.0 - state.catching)
-            state.most = most - (own.turning * law.shaping.yaw_acceleration if moving else 0.0)
-            _begin(own, state, phase, ahead.a, turn, away)
+            _begin(own, state, phase, ahead.a, _Turn(state.turning, wanted.psi - state.lags[3]), away)
     if state.solving == 1:
         _solve(own, state, phase)
     x, y = _motion(own, state, 0, pose.x), _motion(own, state, 1, pose.y)
     _advance(own, state)
-    return FollowedMotion(x, y, shape_heading(law, memory, pose, ahead, wanted))
+    return FollowedMotion(x, y, turn(own, state, pose.psi, wanted.psi))
 
 
 @inlined
@@ -245,6 +239,7 @@ def restart_planner(memory, wanted):
         own.reference[j], own.bend[j] = 0.0, 0.0
     own.hedge = 0.0
     own.last[0], own.last[1] = wanted.x, wanted.y
+    start_turning(own, wanted.psi, wanted.psi)
 
 
 @inlined
@@ -262,10 +257,8 @@ def _rest(state, x, y):
         state.motion[j], state.lag[j], state.lead[j], state.now[j] = 0.0, 0.0, 0.0, 0.0
         for k in range(KNOTS):
             state.a[j, k] = 0.0
-            state.torque[k, j], state.torque_z[k, j] = 0.0, 0.0
-            state.change[k, j], state.change_z[k, j] = 0.0, 0.0
-            state.speed[k, j], state.speed_z[k, j] = 0.0, 0.0
-            state.way[k, j], state.way_z[k, j] = 0.0, 0.0
+            for row in range(4):
+                state.t[row, k, j], state.z[row, k, j] = 0.0, 0.0
     state.started, state.since, state.solving = 1, 0, 0
 
 
@@ -285,7 +278,7 @@ def _notice(own, state, wanted):
     """Filter r' and r''; a jump has no velocity, and r'' counts up to a part of the limit."""
     d_x, d_y = wanted.x - state.last[0], wanted.y - state.last[1]
     moved = own.rate * (d_x * d_x + d_y * d_y) ** 0.5
-    rate = own.rate if moved <= (1.0 + _ROUNDING) * own.speed else 0.0
+    rate = own.rate if moved <= (1.0 + ROUNDING) * own.speed else 0.0
     n = Pair(rate * d_x - state.reference[0], rate * d_y - state.reference[1])
     bent = own.late_reference * own.rate * (n.x * n.x + n.y * n.y) ** 0.5
     counts = max(0.0, min(1.0, 2.0 - 2.0 * bent / (_BEND * own.most)))
@@ -299,19 +292,19 @@ def _notice(own, state, wanted):
 
 @inlined
 def _lose(law, memory, a):
-    """Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself."""
-    own, state, sums = law.planner, memory.planner, memory.integral.sums
+    """Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself.
+
+    They take what the motors gave besides the motion's torques and the compensation of friction.
+    """
+    own, state, past = law.planner, memory.planner, memory.history
     share, lost_x, lost_y = 1.0 / (_LASTING * own.rate + 1.0), 0.0, 0.0
-    I = turned(a, sums[0], sums[1])  # noqa: E741 (as in `ballbot.control.parts.integral`)
-    for i in range(own.wheels):
-        gain, more = law.integral.gain[i], memory.tuning.integral[i]
-        by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y
-        lost = memory.disturbance_observer.estimate[i] + by_place
-        lost_x += own.torque * own.frame[i, 0] * lost
-        lost_y += own.torque * own.frame[i, 1] * lost
-    world = turned_back(a, lost_x, lost_y)
-    state.lost[0] += share * (world.x - state.lost[0])
-    state.lost[1] += share * (world.y - state.lost[1])
+    for i in range(MAX_WHEELS):
+        torque = past.acting[0, i] - past.friction_compensation[0, i]
+        lost_x += own.torque * own.frame[i, 0] * torque
+        lost_y += own.torque * own.frame[i, 1] * torque
+    given = turned_back(a, lost_x, lost_y)
+    state.lost[0] += share * (given.x - state.now[0] - state.lost[0])
+    state.lost[1] += share * (given.y - state.now[1] - state.lost[1])
     state.catching -= share * state.catching
 
 
@@ -320,8 +313,8 @@ def _begin(own, state, phase, a, turn, away):
     """Begin a new plan, from the last one."""
     for j in range(2):
         for k in range(KNOTS):
-            state.way[k, j] -= state.moved[j]
-            state.way_z[k, j] -= state.moved[j]
+            state.t[_WALL, k, j] -= state.moved[j]
+            state.z[_WALL, k, j] -= state.moved[j]
         state.moved[j] = 0.0
         state.begun[j, 0] = -0.5 * own.square * (state.lead[j] + state.lag[j])
         state.begun[j, 1], state.begun[j, 2], state.begun[j, 3] = state.motion[j], state.lag[j], state.now[j]
@@ -349,16 +342,16 @@ def _see(own, state, phase, j, a, v, y):
     lead, p = state.ahead, own.falling
     lead[KNOTS - 1] = 0.0
     for k in range(KNOTS - 2, -1, -1):
-        lead[k] = own.kept[PHASES] * lead[k + 1] + own.late[PHASES] * a[k] + own.early[PHASES] * a[k + 1]
+        lead[k] = own.kept[_KNOT] * lead[k + 1] + own.late[_KNOT] * a[k] + own.early[_KNOT] * a[k + 1]
     W, w, lag, before = state.begun[j, 0], state.begun[j, 1], state.begun[j, 2], state.begun[j, 3]
     for k in range(KNOTS):
-        at = phase if k == 0 else PHASES
+        at = phase if k == 0 else _KNOT
         h = own.interval[at]
         W += h * (w + h * (2.0 * before + a[k]) / 6.0)
         w += 0.5 * h * (before + a[k])
         lag = own.kept[at] * lag + own.early[at] * before + own.late[at] * a[k]
         before = a[k]
-        v[k, j] = w + 0.5 * (lead[k] - lag) / p
+        v[k, j] = w + 0.5 * own.ball * p * (lead[k] - lag)
         y[k, j] = W + 0.5 * own.ball * (lead[k] + lag)
     y[KNOTS - 1, j] += _TAIL * v[KNOTS - 1, j]
 
@@ -367,11 +360,11 @@ def _see(own, state, phase, j, a, v, y):
 def _resist(own, state, phase, a, turn):
     """Fill how large a may be at the knots, in the last plan's direction there, and what friction takes of it."""
     for k in range(_FREE):
-        later = own.interval[phase] + own.interval[PHASES] * k
+        later = own.interval[phase] + own.interval[_KNOT] * k
         at = heading_frame_after(a, max(-abs(turn.left), min(abs(turn.left), turn.rate * later)))
         v, force = turned(at, state.v[k, 0], state.v[k, 1]), turned(at, state.a[0, k], state.a[1, k])
         size, largest, drag_x, drag_y = (force.x * force.x + force.y * force.y) ** 0.5, 0.0, 0.0, 0.0
-        for i in range(own.wheels):
+        for i in range(MAX_WHEELS):
             speed = own.rolling[i, 0] * v.x + own.rolling[i, 1] * v.y
             dry = own.dry * speed / (speed * speed + _CREEPING * _CREEPING) ** 0.5
             drag_x += own.frame[i, 0] * (own.viscous * speed + dry)
@@ -380,16 +373,16 @@ def _resist(own, state, phase, a, turn):
             largest = max(largest, share / size if size > _STILL_FORCE else own.worst)
         drag = turned_back(at, drag_x, drag_y)
         state.drag[k, 0], state.drag[k, 1] = drag.x + state.lost[0], drag.y + state.lost[1]
-        state.radius[k] = state.most / largest
+        state.radius[k] = own.most * max(_LEAST_LEFT, 1.0 - state.catching) / largest
 
 
 @inlined
 def _aim(own, state, phase, away):
     """Fill the pulls of the start and of the reference, and the wall."""
-    now = Pair(state.reference[0] + _LAG * state.bend[0], state.reference[1] + _LAG * state.bend[1])
+    now = Pair(state.reference[0] + LAG * state.bend[0], state.reference[1] + LAG * state.bend[1])
     speed = (now.x * now.x + now.y * now.y) ** 0.5
     v = Pair(_speed_of(own, state, 0), _speed_of(own, state, 1))
-    fast = max(0.0, min(1.0, (speed / own.prompt - 1.0) / (_FAST - 1.0)))
+    fast = max(0.0, min(1.0, (speed / own.prompt - 1.0) / (FAST - 1.0)))
     state.hedge = max(_HELD * fast, state.hedge - own.every / (_HEDGED * own.rate))
     prompt = max(0.0, 1.0 - state.hedge)
     ahead = prompt * own.delay
@@ -412,8 +405,8 @@ def _aim(own, state, phase, away):
     d = Pair(to.x / size, to.y / size)
     place, going, beyond = r.x * d.x + r.y * d.y, prompt * (now.x * d.x + now.y * d.y), 0.0
     for k in range(KNOTS):
-        later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
-        beyond = max(beyond, state.y[k, 0] * d.x + state.y[k, 1] * d.y - place - later * going)
+        over = state.y[k, 0] * d.x + state.y[k, 1] * d.y - place - _until(own, phase, k) * going
+        beyond = max(beyond, over)
     state.wall[0], state.wall[1] = d.x, d.y
     state.wall[2], state.wall[3] = place + _GIVEN * beyond, going
 
@@ -425,33 +418,36 @@ def _speed_of(own, state, j):
 
 
 @inlined
+def _wanted(state, row, k, j):
+    """Return what a row asks for."""
+    return 2.0 * state.z[row, k, j] - state.t[row, k, j]
+
+
+@inlined
 def _pull(own, state, phase, j):
     """Fill what the rows and the costs pull at an axis's a."""
     p, weight, pull = own.falling, own.weight, state.pull
     for k in range(KNOTS):
-        state.force_v[k] = weight[_SPEED] * (
-            2.0 * state.speed_z[k, j] - state.speed[k, j] - state.free_v[k, j]
-        )
-        state.force_y[k] = weight[_WALL] * (2.0 * state.way_z[k, j] - state.way[k, j] - state.free_y[k, j])
+        state.force_v[k] = weight[_SPEED] * (_wanted(state, _SPEED, k, j) - state.free_v[k, j])
+        state.force_y[k] = weight[_WALL] * (_wanted(state, _WALL, k, j) - state.free_y[k, j])
     state.force_v[KNOTS - 1] += _TAIL * state.force_y[KNOTS - 1]
-    h, W, w, lag = own.interval[PHASES], 0.0, 0.0, 0.0
+    h, W, w, lag = own.interval[_KNOT], 0.0, 0.0, 0.0
     for k in range(KNOTS - 1, -1, -1):
-        at = phase if k == 0 else PHASES
+        at = phase if k == 0 else _KNOT
         first = own.interval[at]
-        held = h * (0.5 * w + h * W / 3.0) + own.early[PHASES] * lag
+        held = h * (0.5 * w + h * W / 3.0) + own.early[_KNOT] * lag
         w += state.force_v[k] + h * W
         W += state.force_y[k]
-        lag = own.kept[PHASES] * lag + 0.5 * (own.ball * state.force_y[k] - state.force_v[k] / p)
+        lag = own.kept[_KNOT] * lag + 0.5 * own.ball * (state.force_y[k] - p * state.force_v[k])
         pull[k] = held + first * (0.5 * w + first * W / 6.0) + own.late[at] * lag
     lead = 0.0
     for k in range(_FREE):
         before = lead
-        lead = own.kept[PHASES] * lead + 0.5 * (own.ball * state.force_y[k] + state.force_v[k] / p)
-        pull[k] += own.late[PHASES] * lead + own.early[PHASES] * before - state.start[j, k]
+        lead = own.kept[_KNOT] * lead + 0.5 * own.ball * (state.force_y[k] + p * state.force_v[k])
+        pull[k] += own.late[_KNOT] * lead + own.early[_KNOT] * before - state.start[j, k]
         start = state.begun[j, 3] if k == 0 else 0.0
-        changes = 2.0 * state.change_z[k, j] - state.change[k, j] + start
-        changes += state.change[k + 1, j] - 2.0 * state.change_z[k + 1, j]
-        torques = 2.0 * state.torque_z[k, j] - state.torque[k, j] - state.drag[k, j]
+        changes = start + _wanted(state, _CHANGE, k, j) - _wanted(state, _CHANGE, k + 1, j)
+        torques = _wanted(state, _TORQUE, k, j) - state.drag[k, j]
         pull[k] += weight[_CHANGE] * changes + weight[_TORQUE] * torques
 
 
@@ -469,40 +465,44 @@ def _step(own, state, phase, j):
 @inlined
 def _limit(own, state, phase):
     """Step the rows, and find what the limits allow of them."""
-    wall = state.wall
-    bound = own.force[_TORQUE] / own.weight[_TORQUE]
-    for k in range(_FREE):
-        torque = Pair(state.a[0, k] + state.drag[k, 0], state.a[1, k] + state.drag[k, 1])
-        _limit_length(state.torque, state.torque_z, k, torque, state.radius[k], bound)
+    wall, before = state.wall, Pair(state.begun[0, 3], state.begun[1, 3])
     for k in range(KNOTS):
-        before_x, before_y = (
-            state.begun[0, 3] if k == 0 else state.a[0, k - 1],
-            state.begun[1, 3] if k == 0 else state.a[1, k - 1],
-        )
-        change = own.change * own.interval[phase] / own.interval[PHASES] if k == 0 else own.change
-        changed = Pair(state.a[0, k] - before_x, state.a[1, k] - before_y)
-        _limit_length(
-            state.change, state.change_z, k, changed, change, own.force[_CHANGE] / own.weight[_CHANGE]
-        )
-        v = Pair(state.v[k, 0], state.v[k, 1])
-        _limit_length(state.speed, state.speed_z, k, v, own.speed, own.force[_SPEED] / own.weight[_SPEED])
-        t_x = state.way[k, 0] + _OVER * (state.y[k, 0] - state.way_z[k, 0])
-        t_y = state.way[k, 1] + _OVER * (state.y[k, 1] - state.way_z[k, 1])
-        later = own.interval[phase] + own.interval[PHASES] * k + (_TAIL if k == _FREE else 0.0)
-        over = max(0.0, t_x * wall[0] + t_y * wall[1] - wall[2] - later * wall[3])
-        over = min(over, own.force[_WALL] / own.weight[_WALL])
-        state.way[k, 0], state.way[k, 1] = t_x, t_y
-        state.way_z[k, 0], state.way_z[k, 1] = t_x - over * wall[0], t_y - over * wall[1]
+        a = Pair(state.a[0, k], state.a[1, k])
+        if k < _FREE:
+            torque = Pair(a.x + state.drag[k, 0], a.y + state.drag[k, 1])
+            _limit_length(own, state, _TORQUE, k, torque, state.radius[k])
+        change = own.change * own.interval[phase] / own.interval[_KNOT] if k == 0 else own.change
+        _limit_length(own, state, _CHANGE, k, Pair(a.x - before.x, a.y - before.y), change)
+        _limit_length(own, state, _SPEED, k, Pair(state.v[k, 0], state.v[k, 1]), own.speed)
+        t = _stepped(state, _WALL, k, Pair(state.y[k, 0], state.y[k, 1]))
+        over = max(0.0, t.x * wall[0] + t.y * wall[1] - wall[2] - _until(own, phase, k) * wall[3])
+        over = min(over, own.bound[_WALL])
+        state.z[_WALL, k, 0], state.z[_WALL, k, 1] = t.x - over * wall[0], t.y - over * wall[1]
+        before = a
 
 
 @inlined
-def _limit_length(row, z, k, given, most, bound):
+def _until(own, phase, k):
+    """Return the time until a knot's wall, which for the last one is where the motion ends."""
+    return own.interval[phase] + own.interval[_KNOT] * k + (_TAIL if k == _FREE else 0.0)
+
+
+@inlined
+def _stepped(state, row, k, given):
+    """Step a row of vectors, and return it."""
+    t, z = state.t[row, k], state.z[row, k]
+    t[0] += _OVER * (given.x - z[0])
+    t[1] += _OVER * (given.y - z[1])
+    return Pair(t[0], t[1])
+
+
+@inlined
+def _limit_length(own, state, row, k, given, most):
     """Step a row of vectors whose length is limited."""
-    t_x, t_y = row[k, 0] + _OVER * (given.x - z[k, 0]), row[k, 1] + _OVER * (given.y - z[k, 1])
-    size = (t_x * t_x + t_y * t_y) ** 0.5
-    share = min(size - most, bound) / size if size > most else 0.0
-    row[k, 0], row[k, 1] = t_x, t_y
-    z[k, 0], z[k, 1] = t_x - share * t_x, t_y - share * t_y
+    t = _stepped(state, row, k, given)
+    size = (t.x * t.x + t.y * t.y) ** 0.5
+    share = min(size - most, own.bound[row]) / size if size > most else 0.0
+    state.z[row, k, 0], state.z[row, k, 1] = t.x - share * t.x, t.y - share * t.y
 
 
 @inlined
@@ -529,8 +529,9 @@ def _advance(own, state):
         second = 0.5 * (state.lead[j] + state.lag[j])
         moved = dt * (state.motion[j] + dt * (2.0 * before + after) / 6.0)
         state.motion[j] += 0.5 * dt * (before + after)
-        state.lag[j] = own.sample[0] * state.lag[j] + own.sample[1] * before + own.sample[2] * after
-        state.lead[j] = (state.lead[j] - own.sample[2] * before - own.sample[1] * after) / own.sample[0]
+        kept, early, late = own.kept[_SAMPLE], own.early[_SAMPLE], own.late[_SAMPLE]
+        state.lag[j] = kept * state.lag[j] + early * before + late * after
+        state.lead[j] = (state.lead[j] - late * before - early * after) / kept
         state.now[j] = after
         moved += own.square * (0.5 * (state.lead[j] + state.lag[j]) - second)
         add_to(state.place, state.place_rest, j, moved)
@@ -544,15 +545,12 @@ def _advance(own, state):
 def _pass_knot(state):
     """Begin the interval after the next knot."""
     state.since = 0
-    for k in range(_FREE):
-        for j in range(2):
-            state.a[j, k] = state.a[j, k + 1]
-            state.torque[k, j], state.torque_z[k, j] = state.torque[k + 1, j], state.torque_z[k + 1, j]
-            state.change[k, j], state.change_z[k, j] = state.change[k + 1, j], state.change_z[k + 1, j]
-            state.speed[k, j], state.speed_z[k, j] = state.speed[k + 1, j], state.speed_z[k + 1, j]
-            state.way[k, j], state.way_z[k, j] = state.way[k + 1, j], state.way_z[k + 1, j]
     for j in range(2):
-        state.change[_FREE, j], state.change_z[_FREE, j] = 0.0, 0.0
+        for k in range(_FREE):
+            state.a[j, k] = state.a[j, k + 1]
+            for row in range(4):
+                state.t[row, k, j], state.z[row, k, j] = state.t[row, k + 1, j], state.z[row, k + 1, j]
+        state.t[_CHANGE, _FREE, j], state.z[_CHANGE, _FREE, j] = 0.0, 0.0
 
 
 #: weights of the changes of a, and of the rows; found by a search on the preset alten, free of the robot's size
@@ -589,7 +587,7 @@ def _responses(p: float, offset: float, times: _Times) -> tuple[NDArray[np.float
     for k in range(KNOTS - 1, -1, -1):
         lead[k] = times.kept[k] * lead[k + 1] + times.late[k] * a[k] + times.early[k] * a[k + 1]
     second, third = 0.5 * (lead + lag), 0.5 * p * (lead - lag)
-    v, s = w + third / p**2, W + second / p**2
+    v, s = w + (1.0 / p**2 - offset) * third, W + second / p**2
     y = s - offset * second
     y[KNOTS] += _TAIL * v[KNOTS]
     return lead[:1], v[1:], y[1:], s[1:]
@@ -614,57 +612,69 @@ def _matrices(p: float, offset: float, first: float, interval: float) -> tuple[N
     return inverse - np.outer(by, by_lead), by_lead, cost[:, :4], interval * s[:, 4:].T @ targets
 
 
+#: range of the settings
+_LEAST, _MOST = 1e-12, 1e12
+
+
 @parameter_class
 class Planner(Part):
-    """Plan motions on line, within the motors' torque; x and y of the reference are then not shaped, psi still is.
+    """Make whatever the reference does a motion that torques and speed allow, with four derivatives.
 
-    The motion that is followed ends, or goes on, as the reference does, as soon as torque and speed allow, and the ball
-    overshoots no place at which the reference stops. Needs `ReferenceShaping` and `FeedForward`.
+    Plans x and y [m] on line, and turns psi [rad] by lags of limited rate and acceleration. The motion ends, or goes
+    on, as the reference does, as soon as the limits allow, and the ball overshoots no place at which the reference
+    stops. `FeedForward` gives the lean and the torques that it needs.
 
     InputError if a value is outside its range, or the robot cannot have feed-forward.
     """
 
     label = "planner"
     comment = (
-        "The motion of x and y is planned on line within torque and speed. A reference up to the prompt speed is\n"
-        "# followed without delay, a faster one as far behind as a stop needs."
+        "Motions are planned on line within torque and speed. A reference up to the prompt speed is followed without\n"
+        "# delay, a faster one as far behind as a stop needs."
     )
     record = PlannerRecord
     state = PlannerState
-    needs: ClassVar[Mapping[str, str]] = {
-        "shaping": "it shapes the heading",
-        "feed_forward": "motions as fast as the motors allow need their lean and torques",
-    }
 
-    torque_limit: float = parameter("of a wheel, for motions and friction", "N m", least=1e-12, most=1e12)
-    speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=1e-12, most=1e12)
+    torque_limit: float = parameter("of a wheel, for motions and friction", "N m", least=_LEAST, most=_MOST)
+    speed_limit: float = parameter("over the floor", "m/s", default=2.0, least=_LEAST, most=_MOST)
+    speed_cap: float = parameter("for people's safety", "m/s", default=_MOST, least=_LEAST, most=_MOST)
     prompt_speed: float = parameter(
-        "up to which the reference is followed without delay", "m/s", default=0.3, least=1e-12, most=1e12
+        "up to which the reference is followed without delay", "m/s", default=0.3, least=_LEAST, most=_MOST
+    )
+    yaw_frequency: float = parameter(
+        "w of each of the four lags of psi", "rad/s", default=12.0, least=_LEAST, most=_MOST
+    )
+    yaw_rate_limit: float = parameter("of psi", "rad/s", default=2.0, least=_LEAST, most=_MOST)
+    yaw_acceleration_limit: float = parameter("of psi", "rad/s^2", default=3.0, least=_LEAST, most=_MOST)
+    yaw_prompt_rate: float = parameter(
+        "up to which the reference's heading is followed without delay",
+        "rad/s",
+        default=0.6,
+        least=_LEAST,
+        most=_MOST,
     )
 
     def numbers(self, settings: LawSettings) -> PlannerRecord:
         """Return the sampled planner."""
         needed, robot, dt = FeedForward().numbers(settings), settings.robot, settings.sample_time
-        n, offset = robot.wheel_count, float(needed.offset[0, 0])
+        offset = float(needed.offset[0, 0])  # along y hardly another
         p = math.sqrt(np.linalg.norm(needed.by_second) / np.linalg.norm(needed.by_fourth))
         size = float(np.linalg.norm(needed.by_second)) / math.sqrt(2.0)
         every = max(1, round(_EVERY / dt))
         interval = PHASES * every * dt
-        intervals = np.array([*(interval - k * every * dt for k in range(PHASES)), interval])
+        intervals = np.array([*(interval - k * every * dt for k in range(PHASES)), interval, dt])
         tables = [_matrices(p, offset, first, interval) for first in intervals[:PHASES]]
         inverse, by_lead, by_start, by_reference = (np.array(one) for one in zip(*tables, strict=True))
-        times, sample = _times(p, intervals), _times(p, np.array([dt]))
-        largest = self.torque_limit / float(np.linalg.norm(needed.by_second, axis=1).max())
+        worst = float(np.linalg.norm(needed.by_second, axis=1).max())
+        largest, speed = self.torque_limit / worst, min(self.speed_limit, self.speed_cap)
         return PlannerRecord(
             every=every,
             steps=math.ceil(_STEPS / every),
-            wheels=n,
             rate=1.0 / dt,
             falling=p,
             square=1.0 / p**2,
             ball=1.0 / p**2 - offset,
-            **times._asdict(),
-            sample=np.array([sample.kept[0], sample.early[0], sample.late[0]]),
+            **_times(p, intervals)._asdict(),
             inverse=inverse,
             by_lead=by_lead,
             by_start=by_start,
@@ -674,15 +684,20 @@ class Planner(Part):
             most=self.torque_limit / size,
             viscous=float(np.mean(robot.friction.viscous)) / size,
             dry=float(np.mean(robot.friction.coulomb)) / size,
-            turning=float(np.abs(needed.by_turning).max()) / size,
             torque=1.0 / size,
-            worst=float(np.linalg.norm(needed.by_second, axis=1).max()) / size,
+            worst=worst / size,
             weight=np.array(_WEIGHTS),
-            force=largest * np.array(_FORCES),
+            bound=largest * np.array(_FORCES) / np.array(_WEIGHTS),
             change=2.0 * largest * interval / _REVERSAL,
-            speed=self.speed_limit,
+            speed=speed,
             prompt=self.prompt_speed,
-            far=_FAR * self.speed_limit,
+            far=_FAR * speed,
             delay=settings.delay,
-            late_reference=-math.expm1(-dt / _LAG),
+            late_reference=-math.expm1(-dt / LAG),
+            yaw_frequency=self.yaw_frequency,
+            yaw_decay=math.exp(-self.yaw_frequency * dt),
+            yaw_gone=-math.expm1(-self.yaw_frequency * dt),
+            yaw_rate=self.yaw_rate_limit,
+            yaw_acceleration=self.yaw_acceleration_limit,
+            yaw_prompt=self.yaw_prompt_rate,
         )

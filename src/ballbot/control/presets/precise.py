@@ -28,7 +28,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.part import LawSettings
-from ballbot.control.parts.reference_shaping import BRAKING, ReferenceShaping
+from ballbot.control.parts.planner import Planner
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -43,19 +43,17 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: the rate of a motion's lags over that at which the robot falls
-MOTION_RATE = 1.92
 #: the largest lean that a motion or an error commands [rad], whatever the motors have: beyond it gains that are
 #: designed about upright recover from smaller pushes
 COMMANDED_LEAN = 0.3
 #: what errors may command of the lean from which the torque limit brings the robot back at rest
 ERROR_LEAN = 0.5
-#: of a step of v' that five lags of that rate follow: how far s'' - s''''/p^2 goes the other way at first, over the
-#: step
-_AGAINST = 0.2894
-#: of a motion's approach: its rate by the root of the offset of s from the position over s''. With 1, what goes with
-#: that rate is not seen in the position; with more it comes sooner, by up to 3 mm too far on the presets
-MOTION_APPROACH = 1.4
+#: torque of motions over the torque limit: the rest is for the feedback, and for robots that are heavier than known
+MOTION_TORQUE = 0.7
+#: the largest torque that turning takes, over that of motions
+TURNING_TORQUE = 0.1
+#: the largest acceleration of the heading [rad/s^2]
+YAW_ACCELERATION = 3.0
 #: the least acceleration over that by `COMMANDED_LEAN`, for motors that friction leaves nothing
 MOTION_LEAST = 0.05
 #: the largest speed for the safety of people nearby [m/s]; the controller file may have another
@@ -137,7 +135,7 @@ def precise_controller(
         torque_limit=limit,
         speed_band=settings.speed_band,
         parts=Parts(
-            shaping=fastest_shaping(settings),
+            planner=fastest_planner(settings, limit),
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=integral_gain),
             disturbance_observer=DisturbanceObserver(limit=_rounded(OBSERVED_TORQUE * limit)),
@@ -147,28 +145,21 @@ def precise_controller(
     )
 
 
-def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
-    """Return the shaping of the fastest motions that torque, lean and motors allow, its numbers rounded.
+def fastest_planner(settings: LawSettings, torque_limit: float) -> Planner:
+    """Return the planner of the fastest motions that torque, lean and motors allow, its numbers rounded.
 
     InputError if the robot cannot have feed-forward.
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
-    second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
-    left = max(grip_torque_limit(robot) - max(robot.friction.breakaway), 0.0)
-    by_lean = COMMANDED_LEAN * float(np.linalg.norm(needed.pull, 2))
-    # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
-    falling = math.sqrt(second / fourth)
-    # it is largest when the motion changes from accelerating to braking
-    largest = second * (1.0 + (1.0 + BRAKING) * _AGAINST)
-    acceleration = max(min(left / largest, by_lean), MOTION_LEAST * by_lean)
-    drag = max(robot.friction.viscous) * wheel_turns(robot) / (largest * acceleration)
-    return ReferenceShaping(
-        frequency=_rounded(MOTION_RATE * falling),
+    by_lean = COMMANDED_LEAN * float(np.linalg.norm(needed.pull, 2) * np.linalg.norm(needed.by_second, axis=1).max())
+    most = MOTION_TORQUE * min(torque_limit, grip_torque_limit(robot))
+    torque = max(min(most, by_lean), max(robot.friction.breakaway) + MOTION_LEAST * by_lean)
+    turning = TURNING_TORQUE * torque / float(np.abs(needed.by_turning).max())
+    return Planner(
+        torque_limit=_rounded(torque),
         speed_limit=_rounded(MOTION_MOTOR_SPEED * largest_speed(robot)),
         speed_cap=PEOPLE_SPEED,
-        acceleration_limit=_rounded(acceleration),
-        drag=_rounded(drag),
-        approach_rate=_rounded(MOTION_APPROACH / math.sqrt(np.linalg.norm(needed.offset, 2))),
+        yaw_acceleration_limit=_rounded(min(turning, YAW_ACCELERATION)),
     )
 
 

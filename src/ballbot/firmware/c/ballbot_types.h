@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "37191dad2e0963dc065901cb1440c9615223c41e063edfcc313c18f3df857a8a"
+#define BALLBOT_SCHEMA_DIGEST "33bda28d4c90ef3be5f1f643b76fa30cc07af388a830c88528665d1df87a966b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 924392877, 772367324, 106496459, 339790177, 1378075678, 104783820, 826022131, 1602583178 }
+#define BALLBOT_SCHEMA_WORDS { 868065933, 1284566843, 1710356035, 930063116, 1081799560, 674285701, 677797149, 2021299819 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -73,44 +73,19 @@ struct ballbot_tuning_record {
 };
 typedef char ballbot_tuning_record_has_no_padding[(sizeof(struct ballbot_tuning_record) == 125u * sizeof(float)) ? 1 : -1];
 
-/* The sampled shaping. */
-struct ballbot_shaping_record {
-    int32_t on;
-    float frequency; /* [rad/s] */
-    float decay; /* [1] */
-    float gone; /* [1] */
-    float yaw_frequency; /* [rad/s] */
-    float yaw_decay; /* [1] */
-    float yaw_gone; /* [1] */
-    float speed; /* [m/s] */
-    float acceleration; /* [m/s^2] */
-    float drag; /* [1/s] */
-    float prompt; /* [m/s] */
-    float yaw_rate; /* [rad/s] */
-    float yaw_acceleration; /* [rad/s^2] */
-    float yaw_prompt; /* [rad/s] */
-    float rate; /* [1/s] */
-    float approach; /* [1/s] */
-    float delay; /* [s] */
-    float late; /* [1] */
-};
-typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 18u * sizeof(float)) ? 1 : -1];
-
 /* The sampled planner. */
 struct ballbot_planner_record {
     int32_t on;
     int32_t every;
     int32_t steps;
-    int32_t wheels;
     float rate; /* [1/s] */
     float falling; /* [1/s] */
     float square; /* [s^2] */
     float ball; /* [s^2] */
-    float interval[5]; /* [s] */
-    float kept[5]; /* [1] */
-    float early[5]; /* [1] */
-    float late[5]; /* [1] */
-    float sample[3]; /* [1] */
+    float interval[6]; /* [s] */
+    float kept[6]; /* [1] */
+    float early[6]; /* [1] */
+    float late[6]; /* [1] */
     float inverse[BALLBOT_MAX_WHEELS][23][23]; /* [1] */
     float by_lead[BALLBOT_MAX_WHEELS][23]; /* [1] */
     float by_start[BALLBOT_MAX_WHEELS][23][4]; /* [1] */
@@ -120,19 +95,24 @@ struct ballbot_planner_record {
     float most; /* [m/s^2] */
     float viscous; /* [m/(s rad)] */
     float dry; /* [m/s^2] */
-    float turning; /* [m/s^2] */
     float worst; /* [1] */
     float torque; /* [1/(kg m)] */
     float weight[BALLBOT_MAX_WHEELS]; /* [1] */
-    float force[BALLBOT_MAX_WHEELS]; /* [1] */
+    float bound[BALLBOT_MAX_WHEELS]; /* [1] */
     float change; /* [m/s^2] */
     float speed; /* [m/s] */
     float prompt; /* [m/s] */
     float far; /* [m] */
     float delay; /* [s] */
     float late_reference; /* [1] */
+    float yaw_frequency; /* [rad/s] */
+    float yaw_decay; /* [1] */
+    float yaw_gone; /* [1] */
+    float yaw_rate; /* [rad/s] */
+    float yaw_acceleration; /* [rad/s^2] */
+    float yaw_prompt; /* [rad/s] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2919u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2924u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -226,7 +206,6 @@ struct ballbot_law {
     float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
     struct ballbot_compensation_record compensation;
     struct ballbot_tuning_record tuning;
-    struct ballbot_shaping_record shaping;
     struct ballbot_planner_record planner;
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
@@ -236,7 +215,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4340u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4327u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -289,7 +268,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4442u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4429u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -370,21 +349,6 @@ struct ballbot_tuning_state {
 };
 typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 70u * sizeof(float)) ? 1 : -1];
 
-/* Of x, y and psi: four lags each, p, v, the last r, r' and r''. */
-struct ballbot_shaping_state {
-    float lags[3][4]; /* [m] */
-    float followed[3]; /* [m] */
-    float lags_rest[3][4]; /* [m] */
-    float followed_rest[3]; /* [m] */
-    float velocity[3]; /* [m/s] */
-    float last[3]; /* [m] */
-    int32_t started;
-    float change[3]; /* [m/s] */
-    float bend[3]; /* [m/s^2] */
-    float lost; /* [N m] */
-};
-typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 44u * sizeof(float)) ? 1 : -1];
-
 /* The plan, its rows and what the solver works with; places are relative to s. */
 struct ballbot_planner_state {
     int32_t started;
@@ -396,14 +360,8 @@ struct ballbot_planner_state {
     float lead[2]; /* [m/s^2] */
     float now[2]; /* [m/s^2] */
     float a[2][24]; /* [m/s^2] */
-    float torque[24][2]; /* [m/s^2] */
-    float torque_z[24][2]; /* [m/s^2] */
-    float change[24][2]; /* [m/s^2] */
-    float change_z[24][2]; /* [m/s^2] */
-    float speed[24][2]; /* [m/s] */
-    float speed_z[24][2]; /* [m/s] */
-    float way[24][2]; /* [m] */
-    float way_z[24][2]; /* [m] */
+    float t[BALLBOT_MAX_WHEELS][24][2]; /* [1] */
+    float z[BALLBOT_MAX_WHEELS][24][2]; /* [1] */
     float last[2]; /* [m] */
     float reference[2]; /* [m/s] */
     float bend[2]; /* [m/s^2] */
@@ -414,7 +372,6 @@ struct ballbot_planner_state {
     float needs[2]; /* [m/s^2] */
     float moved[2]; /* [m] */
     float wall[BALLBOT_MAX_WHEELS]; /* [m] */
-    float most; /* [m/s^2] */
     float hedge; /* [1] */
     float v[24][2]; /* [m/s] */
     float y[24][2]; /* [m] */
@@ -428,8 +385,16 @@ struct ballbot_planner_state {
     float force_y[24]; /* [1] */
     float drag[24][2]; /* [m/s^2] */
     float radius[24]; /* [m/s^2] */
+    float lags[BALLBOT_MAX_WHEELS]; /* [rad] */
+    float lags_rest[BALLBOT_MAX_WHEELS]; /* [rad] */
+    float turned[1]; /* [rad] */
+    float turned_rest[1]; /* [rad] */
+    float turning; /* [rad/s] */
+    float last_psi; /* [rad] */
+    float turn_change; /* [rad/s] */
+    float turn_bend; /* [rad/s^2] */
 };
-typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 904u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_state_has_no_padding[(sizeof(struct ballbot_planner_state) == 917u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -488,7 +453,6 @@ struct ballbot_memory {
     struct ballbot_heading_memory measured_heading;
     struct ballbot_heading_memory reference_heading;
     struct ballbot_tuning_state tuning;
-    struct ballbot_shaping_state shaping;
     struct ballbot_planner_state planner;
     struct ballbot_feed_forward_state feed_forward;
     struct ballbot_integral_state integral;
@@ -498,7 +462,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1460u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 1429u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -545,7 +509,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1787u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 1756u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
@@ -586,7 +550,7 @@ enum ballbot_refusal {
 };
 
 /* Whether parameters keep each of their bounds (ballbot/firmware/bounds.py). */
-#define BALLBOT_BOUNDS 17
+#define BALLBOT_BOUNDS 18
 #define BALLBOT_BOUNDS_KEPT(parameters) \
     { \
         ((parameters)->wheel_count >= 3 && (parameters)->wheel_count <= 4), \
@@ -604,6 +568,7 @@ enum ballbot_refusal {
         ((parameters)->safety.max_unchanged >= 0), \
         ((parameters)->safety.turning_torque >= 0.0f && (parameters)->safety.turning_torque <= (parameters)->law.torque_limit), \
         ((parameters)->law.tuning.others >= 0 && (parameters)->law.tuning.others <= 2), \
+        ((parameters)->law.planner.every >= (parameters)->law.planner.on && (parameters)->law.planner.every <= 1000), \
         ((parameters)->law.prediction.count >= 0 && (parameters)->law.prediction.count <= 20), \
         ((parameters)->law.prediction.samples >= 0 && (parameters)->law.prediction.samples <= 20) \
     }

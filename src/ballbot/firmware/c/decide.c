@@ -21,13 +21,13 @@
 #include "parts/policy.h"
 #include "parts/steps.h"
 
-/* Return the reference of an axis without shaping. */
+/* Return the reference of an axis without a planner. */
 static struct ballbot_smooth_reference at_rest(float value)
 {
     return (struct ballbot_smooth_reference){ value, 0.0f, 0.0f, 0.0f, 0.0f };
 }
 
-/* Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for. */
+/* Return the motion that is followed: a plan as it is, or the planned one to the pose that is asked for. */
 static struct ballbot_followed_motion followed(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, const float reference[10],
         struct ballbot_pose wanted)
@@ -35,17 +35,13 @@ static struct ballbot_followed_motion followed(const struct ballbot_law *law, st
     const struct ballbot_pose asked = { wanted.x - pose.x, wanted.y - pose.y, wanted.psi - pose.psi };
 
     if (ballbot_follows_plan(law, memory, reference)) {
-        ballbot_restart_shaping(memory, wanted);
         ballbot_restart_planner(memory, wanted);
         return ballbot_planned(law, memory, ahead->a, reference, asked);
     }
-    if (law->shaping.on == 0) {
+    if (law->planner.on == 0) {
         return (struct ballbot_followed_motion){ at_rest(asked.x), at_rest(asked.y), at_rest(asked.psi) };
     }
-    if (law->planner.on == 1) {
-        return ballbot_plan_motion(law, memory, pose, ahead, wanted);
-    }
-    return ballbot_shape(law, memory, pose, ahead, wanted);
+    return ballbot_plan_motion(law, memory, pose, ahead, wanted);
 }
 
 /* Return S(psi) (r_s - x). */
@@ -147,7 +143,6 @@ void ballbot_decide(const struct ballbot_law *law, struct ballbot_memory *memory
     const struct ballbot_limited_error less = ballbot_limit_error(law, memory, &error_with_lean);
 
     if (less.limited) {
-        ballbot_slow_motion(law, memory);
         ballbot_plan_gently(memory);
     }
     const struct ballbot_sample now = { ahead.a, ahead.state, to, less.e };

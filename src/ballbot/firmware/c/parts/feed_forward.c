@@ -1,7 +1,7 @@
 /* Generated from ballbot/control/parts/feed_forward.py by
  * `python -m tests.support.firmware_headers`; do not edit.
  *
- * Feed-forward: the lean and the torques that a shaped or planned motion needs, from the exact model.
+ * Feed-forward: the lean and the torques that a planned motion needs, from the exact model.
  *
  * Linearised about upright and without friction, with p = (x, y), l = (theta, phi, psi) and torques u,
  *

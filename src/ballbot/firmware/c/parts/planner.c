@@ -14,7 +14,7 @@
  *
  *     least  h sum (s_k - r_k)^2 + q sum (a_k+1 - a_k)^2      r_k: the reference, extrapolated
  *     the largest wheel's torque, less friction and what lasting disturbances take, within its limit
- *     |a_k+1 - a_k| <= a reversal's rate        |W' + s'''/p^2| <= speed limit        (y_k - r) d <= 0
+ *     |a_k+1 - a_k| <= a reversal's rate        |y_k'| <= speed limit        (y_k - r) d <= 0
  *
  * The last is a wall at the place where a motion in the direction d is to end, so that the ball does not overshoot it.
  * (What the last plan needs beyond the wall, it is given half of.) A reference that moves faster than the prompt speed may
@@ -30,7 +30,6 @@
 
 /* knots of the horizon, and plans from one to the next */
 #define KNOTS 24
-/* rounding by which a motion at the limit of speed may exceed it */
 #define ROUNDING 0.001f
 /* fraction of the largest acceleration up to which a reference's bend counts */
 #define BEND 0.34375f
@@ -41,21 +40,19 @@
 #define STILL_SPEED 1e-05f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL_FORCE 1e-04f
-/* rate [rad/s] and angle [rad] from which the heading turns */
-#define TURNING 0.01f
-/* lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile */
-#define LEAST_LEFT 0.25f
-/* knots of the horizon, and plans from one to the next */
-#define PHASES 4
+/* the rows' weights and largest forces: torque, change, speed, wall */
+#define WALL 3
+/* intervals of the record: of each phase, and these */
+#define KNOT 4
 /* way per speed in which the motion ends beyond the horizon [s] */
 #define TAIL 0.625f
 /* unknowns of an axis: the last knot is at rest */
 #define FREE 23
 /* wheel speed over which friction turns from one sign to the other [rad/s] */
 #define CREEPING 0.5f
-/* lag of r' and r'' [s] */
+/* lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile */
+#define LEAST_LEFT 0.25f
 #define LAG 0.046875f
-/* ratio of the speeds at which a reference is followed as one that may stop, and as one that goes on */
 #define FAST 1.5f
 /* time in which a reference that was fast counts as slow again [s], and the ratio by which it first does not: until
  * then r' of one that has stopped is gone */
@@ -70,13 +67,14 @@
 /* part of the way beyond the wall that the next plan is given */
 #define GIVEN 0.5f
 #define SPEED 2
-/* the rows' weights and largest forces: torque, change, speed, wall */
-#define WALL 3
 #define CHANGE 1
 /* the rows' weights and largest forces: torque, change, speed, wall */
 #define TORQUE 0
 /* over-relaxation */
 #define OVER 1.625f
+/* knots of the horizon, and plans from one to the next */
+#define PHASES 4
+#define SAMPLE 5
 
 /* How the heading goes on. */
 struct turn {
@@ -98,14 +96,10 @@ static void rest(struct ballbot_planner_state *state, float x, float y)
         state->now[j] = 0.0f;
         for (int32_t k = 0; k < KNOTS; ++k) {
             state->a[j][k] = 0.0f;
-            state->torque[k][j] = 0.0f;
-            state->torque_z[k][j] = 0.0f;
-            state->change[k][j] = 0.0f;
-            state->change_z[k][j] = 0.0f;
-            state->speed[k][j] = 0.0f;
-            state->speed_z[k][j] = 0.0f;
-            state->way[k][j] = 0.0f;
-            state->way_z[k][j] = 0.0f;
+            for (int32_t row = 0; row < 4; ++row) {
+                state->t[row][k][j] = 0.0f;
+                state->z[row][k][j] = 0.0f;
+            }
         }
     }
     state->started = 1;
@@ -126,6 +120,7 @@ void ballbot_restart_planner(struct ballbot_memory *memory, struct ballbot_pose 
     own->hedge = 0.0f;
     own->last[0] = wanted.x;
     own->last[1] = wanted.y;
+    ballbot_start_turning(own, wanted.psi, wanted.psi);
 }
 
 /* Filter r' and r''; a jump has no velocity, and r'' counts up to a part of the limit. */
@@ -149,30 +144,29 @@ static void notice(const struct ballbot_planner_record *own, struct ballbot_plan
     state->last[1] = wanted.y;
 }
 
-/* Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself. */
+/* Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself.
+ *
+ * They take what the motors gave besides the motion's torques and the compensation of friction.
+ */
 static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
 {
     const struct ballbot_planner_record *own = &law->planner;
     struct ballbot_planner_state *state = &memory->planner;
-    const float *sums = memory->integral.sums;
+    const struct ballbot_torque_history *past = &memory->history;
     const float share = 1.0f / (LASTING * own->rate + 1.0f);
     float lost_x = 0.0f;
     float lost_y = 0.0f;
-    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
 
-    for (int32_t i = 0; i < own->wheels; ++i) {
-        const float *gain = law->integral.gain[i];
-        const float *more = memory->tuning.integral[i];
-        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
-        const float lost = memory->disturbance_observer.estimate[i] + by_place;
+    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+        const float torque = past->acting[0][i] - past->friction_compensation[0][i];
 
-        lost_x += own->torque * own->frame[i][0] * lost;
-        lost_y += own->torque * own->frame[i][1] * lost;
+        lost_x += own->torque * own->frame[i][0] * torque;
+        lost_y += own->torque * own->frame[i][1] * torque;
     }
-    const struct ballbot_pair world = ballbot_turned_back(a, lost_x, lost_y);
+    const struct ballbot_pair given = ballbot_turned_back(a, lost_x, lost_y);
 
-    state->lost[0] += share * (world.x - state->lost[0]);
-    state->lost[1] += share * (world.y - state->lost[1]);
+    state->lost[0] += share * (given.x - state->now[0] - state->lost[0]);
+    state->lost[1] += share * (given.y - state->now[1] - state->lost[1]);
     state->catching -= share * state->catching;
 }
 
@@ -200,7 +194,7 @@ static void see(const struct ballbot_planner_record *own, struct ballbot_planner
 
     lead[KNOTS - 1] = 0.0f;
     for (int32_t k = KNOTS - 2; k > -1; --k) {
-        lead[k] = own->kept[PHASES] * lead[k + 1] + own->late[PHASES] * a[k] + own->early[PHASES] * a[k + 1];
+        lead[k] = own->kept[KNOT] * lead[k + 1] + own->late[KNOT] * a[k] + own->early[KNOT] * a[k + 1];
     }
     float W = state->begun[j][0];
     float w = state->begun[j][1];
@@ -208,14 +202,14 @@ static void see(const struct ballbot_planner_record *own, struct ballbot_planner
     float before = state->begun[j][3];
 
     for (int32_t k = 0; k < KNOTS; ++k) {
-        const int32_t at = (k == 0) ? phase : PHASES;
+        const int32_t at = (k == 0) ? phase : KNOT;
         const float h = own->interval[at];
 
         W += h * (w + h * (2.0f * before + a[k]) / 6.0f);
         w += 0.5f * h * (before + a[k]);
         lag = own->kept[at] * lag + own->early[at] * before + own->late[at] * a[k];
         before = a[k];
-        v[k][j] = w + 0.5f * (lead[k] - lag) / p;
+        v[k][j] = w + 0.5f * own->ball * p * (lead[k] - lag);
         y[k][j] = W + 0.5f * own->ball * (lead[k] + lag);
     }
     y[KNOTS - 1][j] += TAIL * v[KNOTS - 1][j];
@@ -226,7 +220,7 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
         struct ballbot_heading_frame a, struct turn turn)
 {
     for (int32_t k = 0; k < FREE; ++k) {
-        const float later = own->interval[phase] + own->interval[PHASES] * (float)k;
+        const float later = own->interval[phase] + own->interval[KNOT] * (float)k;
         const struct ballbot_heading_frame at = ballbot_heading_frame_after(a,
             ballbot_larger(-ballbot_magnitude(turn.left), ballbot_smaller(ballbot_magnitude(turn.left),
             turn.rate * later)));
@@ -237,7 +231,7 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
         float drag_x = 0.0f;
         float drag_y = 0.0f;
 
-        for (int32_t i = 0; i < own->wheels; ++i) {
+        for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
             const float speed = own->rolling[i][0] * v.x + own->rolling[i][1] * v.y;
             const float dry = own->dry * speed / ballbot_square_root(speed * speed + CREEPING * CREEPING);
 
@@ -251,7 +245,7 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
 
         state->drag[k][0] = drag.x + state->lost[0];
         state->drag[k][1] = drag.y + state->lost[1];
-        state->radius[k] = state->most / largest;
+        state->radius[k] = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching) / largest;
     }
 }
 
@@ -259,6 +253,12 @@ static void resist(const struct ballbot_planner_record *own, struct ballbot_plan
 static float speed_of(const struct ballbot_planner_record *own, const struct ballbot_planner_state *state, int32_t j)
 {
     return state->motion[j] + 0.5f * (state->lead[j] - state->lag[j]) / own->falling;
+}
+
+/* Return the time until a knot's wall, which for the last one is where the motion ends. */
+static float until(const struct ballbot_planner_record *own, int32_t phase, int32_t k)
+{
+    return own->interval[phase] + own->interval[KNOT] * (float)k + ((k == FREE) ? TAIL : 0.0f);
 }
 
 /* Fill the pulls of the start and of the reference, and the wall. */
@@ -308,9 +308,9 @@ static void aim(const struct ballbot_planner_record *own, struct ballbot_planner
     float beyond = 0.0f;
 
     for (int32_t k = 0; k < KNOTS; ++k) {
-        const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
+        const float over = state->y[k][0] * d.x + state->y[k][1] * d.y - place - until(own, phase, k) * going;
 
-        beyond = ballbot_larger(beyond, state->y[k][0] * d.x + state->y[k][1] * d.y - place - later * going);
+        beyond = ballbot_larger(beyond, over);
     }
     state->wall[0] = d.x;
     state->wall[1] = d.y;
@@ -324,8 +324,8 @@ static void begin(const struct ballbot_planner_record *own, struct ballbot_plann
 {
     for (int32_t j = 0; j < 2; ++j) {
         for (int32_t k = 0; k < KNOTS; ++k) {
-            state->way[k][j] -= state->moved[j];
-            state->way_z[k][j] -= state->moved[j];
+            state->t[WALL][k][j] -= state->moved[j];
+            state->z[WALL][k][j] -= state->moved[j];
         }
         state->moved[j] = 0.0f;
         state->begun[j][0] = -0.5f * own->square * (state->lead[j] + state->lag[j]);
@@ -340,6 +340,12 @@ static void begin(const struct ballbot_planner_record *own, struct ballbot_plann
     aim(own, state, phase, away);
 }
 
+/* Return what a row asks for. */
+static float wanted(const struct ballbot_planner_state *state, int32_t row, int32_t k, int32_t j)
+{
+    return 2.0f * state->z[row][k][j] - state->t[row][k][j];
+}
+
 /* Fill what the rows and the costs pull at an axis's a. */
 static void pull(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase,
         int32_t j)
@@ -349,23 +355,23 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
     float *pull = state->pull;
 
     for (int32_t k = 0; k < KNOTS; ++k) {
-        state->force_v[k] = weight[SPEED] * (2.0f * state->speed_z[k][j] - state->speed[k][j] - state->free_v[k][j]);
-        state->force_y[k] = weight[WALL] * (2.0f * state->way_z[k][j] - state->way[k][j] - state->free_y[k][j]);
+        state->force_v[k] = weight[SPEED] * (wanted(state, SPEED, k, j) - state->free_v[k][j]);
+        state->force_y[k] = weight[WALL] * (wanted(state, WALL, k, j) - state->free_y[k][j]);
     }
     state->force_v[KNOTS - 1] += TAIL * state->force_y[KNOTS - 1];
-    const float h = own->interval[PHASES];
+    const float h = own->interval[KNOT];
     float W = 0.0f;
     float w = 0.0f;
     float lag = 0.0f;
 
     for (int32_t k = KNOTS - 1; k > -1; --k) {
-        const int32_t at = (k == 0) ? phase : PHASES;
+        const int32_t at = (k == 0) ? phase : KNOT;
         const float first = own->interval[at];
-        const float held = h * (0.5f * w + h * W / 3.0f) + own->early[PHASES] * lag;
+        const float held = h * (0.5f * w + h * W / 3.0f) + own->early[KNOT] * lag;
 
         w += state->force_v[k] + h * W;
         W += state->force_y[k];
-        lag = own->kept[PHASES] * lag + 0.5f * (own->ball * state->force_y[k] - state->force_v[k] / p);
+        lag = own->kept[KNOT] * lag + 0.5f * own->ball * (state->force_y[k] - p * state->force_v[k]);
         pull[k] = held + first * (0.5f * w + first * W / 6.0f) + own->late[at] * lag;
     }
     float lead = 0.0f;
@@ -373,13 +379,11 @@ static void pull(const struct ballbot_planner_record *own, struct ballbot_planne
     for (int32_t k = 0; k < FREE; ++k) {
         const float before = lead;
 
-        lead = own->kept[PHASES] * lead + 0.5f * (own->ball * state->force_y[k] + state->force_v[k] / p);
-        pull[k] += own->late[PHASES] * lead + own->early[PHASES] * before - state->start[j][k];
+        lead = own->kept[KNOT] * lead + 0.5f * own->ball * (state->force_y[k] + p * state->force_v[k]);
+        pull[k] += own->late[KNOT] * lead + own->early[KNOT] * before - state->start[j][k];
         const float start = (k == 0) ? state->begun[j][3] : 0.0f;
-        float changes = 2.0f * state->change_z[k][j] - state->change[k][j] + start;
-
-        changes += state->change[k + 1][j] - 2.0f * state->change_z[k + 1][j];
-        const float torques = 2.0f * state->torque_z[k][j] - state->torque[k][j] - state->drag[k][j];
+        const float changes = start + wanted(state, CHANGE, k, j) - wanted(state, CHANGE, k + 1, j);
+        const float torques = wanted(state, TORQUE, k, j) - state->drag[k][j];
 
         pull[k] += weight[CHANGE] * changes + weight[TORQUE] * torques;
     }
@@ -402,52 +406,56 @@ static void step(const struct ballbot_planner_record *own, struct ballbot_planne
     }
 }
 
-/* Step a row of vectors whose length is limited. */
-static void limit_length(float row[24][2], float z[24][2], int32_t k, struct ballbot_pair given, float most,
-        float bound)
+/* Step a row of vectors, and return it. */
+static struct ballbot_pair stepped(struct ballbot_planner_state *state, int32_t row, int32_t k,
+        struct ballbot_pair given)
 {
-    const float t_x = row[k][0] + OVER * (given.x - z[k][0]);
-    const float t_y = row[k][1] + OVER * (given.y - z[k][1]);
-    const float size = ballbot_square_root(t_x * t_x + t_y * t_y);
-    const float share = (size > most) ? ballbot_smaller(size - most, bound) / size : 0.0f;
+    float *t = state->t[row][k];
+    const float *z = state->z[row][k];
 
-    row[k][0] = t_x;
-    row[k][1] = t_y;
-    z[k][0] = t_x - share * t_x;
-    z[k][1] = t_y - share * t_y;
+    t[0] += OVER * (given.x - z[0]);
+    t[1] += OVER * (given.y - z[1]);
+    return (struct ballbot_pair){ t[0], t[1] };
+}
+
+/* Step a row of vectors whose length is limited. */
+static void limit_length(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t row,
+        int32_t k, struct ballbot_pair given, float most)
+{
+    const struct ballbot_pair t = stepped(state, row, k, given);
+    const float size = ballbot_square_root(t.x * t.x + t.y * t.y);
+    const float share = (size > most) ? ballbot_smaller(size - most, own->bound[row]) / size : 0.0f;
+
+    state->z[row][k][0] = t.x - share * t.x;
+    state->z[row][k][1] = t.y - share * t.y;
 }
 
 /* Step the rows, and find what the limits allow of them. */
 static void limit(const struct ballbot_planner_record *own, struct ballbot_planner_state *state, int32_t phase)
 {
     const float *wall = state->wall;
-    const float bound = own->force[TORQUE] / own->weight[TORQUE];
+    struct ballbot_pair before = { state->begun[0][3], state->begun[1][3] };
 
-    for (int32_t k = 0; k < FREE; ++k) {
-        const struct ballbot_pair torque = { state->a[0][k] + state->drag[k][0], state->a[1][k] + state->drag[k][1] };
-
-        limit_length(state->torque, state->torque_z, k, torque, state->radius[k], bound);
-    }
     for (int32_t k = 0; k < KNOTS; ++k) {
-        const float before_x = (k == 0) ? state->begun[0][3] : state->a[0][k - 1];
-        const float before_y = (k == 0) ? state->begun[1][3] : state->a[1][k - 1];
-        const float change = (k == 0) ? own->change * own->interval[phase] / own->interval[PHASES] : own->change;
-        const struct ballbot_pair changed = { state->a[0][k] - before_x, state->a[1][k] - before_y };
+        const struct ballbot_pair a = { state->a[0][k], state->a[1][k] };
 
-        limit_length(state->change, state->change_z, k, changed, change, own->force[CHANGE] / own->weight[CHANGE]);
-        const struct ballbot_pair v = { state->v[k][0], state->v[k][1] };
+        if (k < FREE) {
+            const struct ballbot_pair torque = { a.x + state->drag[k][0], a.y + state->drag[k][1] };
 
-        limit_length(state->speed, state->speed_z, k, v, own->speed, own->force[SPEED] / own->weight[SPEED]);
-        const float t_x = state->way[k][0] + OVER * (state->y[k][0] - state->way_z[k][0]);
-        const float t_y = state->way[k][1] + OVER * (state->y[k][1] - state->way_z[k][1]);
-        const float later = own->interval[phase] + own->interval[PHASES] * (float)k + ((k == FREE) ? TAIL : 0.0f);
-        float over = ballbot_larger(0.0f, t_x * wall[0] + t_y * wall[1] - wall[2] - later * wall[3]);
+            limit_length(own, state, TORQUE, k, torque, state->radius[k]);
+        }
+        const float change = (k == 0) ? own->change * own->interval[phase] / own->interval[KNOT] : own->change;
 
-        over = ballbot_smaller(over, own->force[WALL] / own->weight[WALL]);
-        state->way[k][0] = t_x;
-        state->way[k][1] = t_y;
-        state->way_z[k][0] = t_x - over * wall[0];
-        state->way_z[k][1] = t_y - over * wall[1];
+        limit_length(own, state, CHANGE, k, (struct ballbot_pair){ a.x - before.x, a.y - before.y }, change);
+        limit_length(own, state, SPEED, k, (struct ballbot_pair){ state->v[k][0], state->v[k][1] }, own->speed);
+        const struct ballbot_pair t = stepped(state, WALL, k, (struct ballbot_pair){ state->y[k][0],
+            state->y[k][1] });
+        float over = ballbot_larger(0.0f, t.x * wall[0] + t.y * wall[1] - wall[2] - until(own, phase, k) * wall[3]);
+
+        over = ballbot_smaller(over, own->bound[WALL]);
+        state->z[WALL][k][0] = t.x - over * wall[0];
+        state->z[WALL][k][1] = t.y - over * wall[1];
+        before = a;
     }
 }
 
@@ -480,22 +488,16 @@ static struct ballbot_smooth_reference motion(const struct ballbot_planner_recor
 static void pass_knot(struct ballbot_planner_state *state)
 {
     state->since = 0;
-    for (int32_t k = 0; k < FREE; ++k) {
-        for (int32_t j = 0; j < 2; ++j) {
-            state->a[j][k] = state->a[j][k + 1];
-            state->torque[k][j] = state->torque[k + 1][j];
-            state->torque_z[k][j] = state->torque_z[k + 1][j];
-            state->change[k][j] = state->change[k + 1][j];
-            state->change_z[k][j] = state->change_z[k + 1][j];
-            state->speed[k][j] = state->speed[k + 1][j];
-            state->speed_z[k][j] = state->speed_z[k + 1][j];
-            state->way[k][j] = state->way[k + 1][j];
-            state->way_z[k][j] = state->way_z[k + 1][j];
-        }
-    }
     for (int32_t j = 0; j < 2; ++j) {
-        state->change[FREE][j] = 0.0f;
-        state->change_z[FREE][j] = 0.0f;
+        for (int32_t k = 0; k < FREE; ++k) {
+            state->a[j][k] = state->a[j][k + 1];
+            for (int32_t row = 0; row < 4; ++row) {
+                state->t[row][k][j] = state->t[row][k + 1][j];
+                state->z[row][k][j] = state->z[row][k + 1][j];
+            }
+        }
+        state->t[CHANGE][FREE][j] = 0.0f;
+        state->z[CHANGE][FREE][j] = 0.0f;
     }
 }
 
@@ -512,8 +514,12 @@ static void advance(const struct ballbot_planner_record *own, struct ballbot_pla
         float moved = dt * (state->motion[j] + dt * (2.0f * before + after) / 6.0f);
 
         state->motion[j] += 0.5f * dt * (before + after);
-        state->lag[j] = own->sample[0] * state->lag[j] + own->sample[1] * before + own->sample[2] * after;
-        state->lead[j] = (state->lead[j] - own->sample[2] * before - own->sample[1] * after) / own->sample[0];
+        const float kept = own->kept[SAMPLE];
+        const float early = own->early[SAMPLE];
+        const float late = own->late[SAMPLE];
+
+        state->lag[j] = kept * state->lag[j] + early * before + late * after;
+        state->lead[j] = (state->lead[j] - late * before - early * after) / kept;
         state->now[j] = after;
         moved += own->square * (0.5f * (state->lead[j] + state->lag[j]) - second);
         ballbot_add(&state->place[j], &state->place_rest[j], moved);
@@ -536,6 +542,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
         rest(state, pose.x + ahead->state.x, pose.y + ahead->state.y);
         state->last[0] = wanted.x;
         state->last[1] = wanted.y;
+        ballbot_start_turning(state, pose.psi + ahead->state.psi, wanted.psi);
     }
     notice(own, state, wanted);
     lose(law, memory, ahead->a);
@@ -548,13 +555,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
         if (state->solving == 0) {
             rest(state, wanted.x, wanted.y);
         } else {
-            const struct ballbot_shaping_state *heading = &memory->shaping;
-            const struct turn turn = { heading->velocity[2], wanted.psi - heading->lags[2][3] };
-            const bool moving = ballbot_magnitude(turn.rate) > TURNING || ballbot_magnitude(turn.left) > TURNING;
-            const float most = own->most * ballbot_larger(LEAST_LEFT, 1.0f - state->catching);
-
-            state->most = most - (moving ? own->turning * law->shaping.yaw_acceleration : 0.0f);
-            begin(own, state, phase, ahead->a, turn, away);
+            begin(own, state, phase, ahead->a, (struct turn){ state->turning, wanted.psi - state->lags[3] }, away);
         }
     }
     if (state->solving == 1) {
@@ -564,7 +565,7 @@ struct ballbot_followed_motion ballbot_plan_motion(const struct ballbot_law *law
     const struct ballbot_smooth_reference y = motion(own, state, 1, pose.y);
 
     advance(own, state);
-    return (struct ballbot_followed_motion){ x, y, ballbot_shape_heading(law, memory, pose, ahead, wanted) };
+    return (struct ballbot_followed_motion){ x, y, ballbot_turn(own, state, pose.psi, wanted.psi) };
 }
 
 /* Leave motions the least torque: the robot needs its torque to catch itself. */

@@ -38,19 +38,12 @@ float ballbot_over_last_sample(const struct ballbot_prediction_record *own,
 struct ballbot_predicted ballbot_predict(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_heading_frame a, const struct ballbot_robot_state *seen, int32_t n);
 
-/* Let the shaping go on from a pose at rest: a plan, which is followed without it, ends there. */
-void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose wanted);
+/* Let the heading rest at an angle, with a reference elsewhere. */
+void ballbot_start_turning(struct ballbot_planner_state *state, float psi, float wanted);
 
-/* Return the shaped heading, relative to the measured one, and advance the memory. */
-struct ballbot_smooth_reference ballbot_shape_heading(const struct ballbot_law *law, struct ballbot_memory *memory,
-        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
-
-/* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */
-struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
-        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
-
-/* Leave motions the least acceleration: the robot needs its torque to catch itself. */
-void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *memory);
+/* Return the motion to a heading, relative to the measured one, and advance the memory. */
+struct ballbot_smooth_reference ballbot_turn(const struct ballbot_planner_record *own,
+        struct ballbot_planner_state *state, float psi, float wanted);
 
 /* Let the planner go on from a pose at rest: a plan, which is followed without it, ends there. */
 void ballbot_restart_planner(struct ballbot_memory *memory, struct ballbot_pose wanted);
