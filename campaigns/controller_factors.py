@@ -53,7 +53,7 @@ class Cell:
     filter: (
         bool  #: the Kalman filter's state and the narrow speed band that it allows; else the thesis's state
     )
-    shaping: bool  #: shaped references with feed-forward
+    planner: bool  #: planned motions with feed-forward
     observer: bool  #: disturbance observer and integral action
     compensation: bool  #: full compensation of the identified friction
 
@@ -65,7 +65,7 @@ class Cell:
 FACTORS: Mapping[str, str] = {
     "stiff": "stiff gain",
     "filter": "Kalman filter",
-    "shaping": "shaping, feed-forward",
+    "planner": "planner, feed-forward",
     "observer": "observer, integral",
     "compensation": "compensation",
 }
@@ -87,8 +87,8 @@ def controller_of(robot: Robot, cell: Cell) -> Controller:
         gain = design.gain if cell.observer else design_gain(robot).gain
         integral = IntegralAction(gain=design.integral_gain)
     parts = Parts(
-        shaping=precise.parts.shaping if cell.shaping else None,
-        feed_forward=precise.parts.feed_forward if cell.shaping else None,
+        planner=precise.parts.planner if cell.planner else None,
+        feed_forward=precise.parts.feed_forward if cell.planner else None,
         integral=integral if cell.observer else None,
         disturbance_observer=precise.parts.disturbance_observer if cell.observer else None,
         lean_limit=precise.parts.lean_limit if cell.stiff else None,
@@ -177,7 +177,7 @@ def campaign() -> Section:
             [
                 "stiff" if cell.stiff else "soft",
                 "Kalman" if cell.filter else "thesis's",
-                *("yes" if has else "–" for has in (cell.shaping, cell.observer)),
+                *("yes" if has else "–" for has in (cell.planner, cell.observer)),
                 *(_millimetres(peaks[key]) for key in (cell, with_it)),
                 _ratio(mean_ratio(peaks[cell], peaks[with_it])),
                 f"{fell[0]} and {fell[1]}",
@@ -190,7 +190,7 @@ def campaign() -> Section:
         f"{len(SEEDS)} seeds, the same for all. Median peak error of the true position once settled [mm], without and "
         "with full compensation, and their ratio seed by seed (geometric mean and 95 % interval over the seeds). The "
         "stiff gain has its lean and torque limits, the Kalman filter its narrow speed band.",
-        columns=["gain", "state", "shaping", "observer", "without", "with", "without / with", "falls"],
+        columns=["gain", "state", "planner", "observer", "without", "with", "without / with", "falls"],
         rows=rows,
         after=_effects_table(peaks),
     )

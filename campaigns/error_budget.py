@@ -1,4 +1,4 @@
-"""What the precise controller's errors are made of: estimate, tracking and shaping, on the compiled loop and the twin.
+"""What the precise controller's errors are made of: estimate, tracking and planning, on the compiled loop and the twin.
 
 .venv/bin/python -m campaigns.evidence error_budget
 
@@ -24,7 +24,7 @@ from campaigns.twin_logs import NOMINAL, ROBOT, identified
 #: a course, and how long it is followed [s]
 COURSES = {"square": 32.0, "circle": 36.0, "figure_eight": 46.0}
 LOOP_SEEDS, TWIN_SEEDS = range(1000, 1100), range(630, 636)
-_COLUMNS = ("error", "worst", "estimate", "by heading", "by velocity", "tracking", "shaping")
+_COLUMNS = ("error", "worst", "estimate", "by heading", "by velocity", "tracking", "planning")
 _FRICTIONLESS = ROBOT.replace(friction=Friction.none(ROBOT.wheel_count))
 
 
@@ -38,7 +38,7 @@ def campaign() -> Section:
         "logs of the twin. Medians over the seeds of each part's "
         "largest size once settled [mm]: the true error; the estimated position's, and its parts by heading (the true "
         "velocity, turned by the heading's error, summed up) and by velocity (the rest); tracking, of the estimated "
-        "position from the reference; and shaping, the error of a robot without friction whose controller sees the "
+        "position from the reference; and planning, the error of a robot without friction whose controller sees the "
         "true state. The parts' peaks come at different times and do not add up.",
         columns=["course", "on", *_COLUMNS],
         rows=[[course, *cells] for course in COURSES for cells in budgets(found, course)],
@@ -49,7 +49,7 @@ def budgets(known: Robot, course: str) -> list[list[str]]:
     """Return the cells of the loop and of the twin, whose filter and controller know a robot: medians [mm]."""
     true = ROBOT.replace(friction=NOMINAL.friction)
     ideal = LoopRobot(model=Model(_FRICTIONLESS), imperfections=Imperfections())
-    shaping = _parts(ideal, _FRICTIONLESS, course, range(1))[0][0]
+    planning = _parts(ideal, _FRICTIONLESS, course, range(1))[0][0]
     plants = {
         "loop": (LoopRobot.of(true, NOMINAL, known=known), LOOP_SEEDS),
         "twin": (TwinRobot(robot=ROBOT, scenario=NOMINAL, known=known), TWIN_SEEDS),
@@ -58,7 +58,7 @@ def budgets(known: Robot, course: str) -> list[list[str]]:
     for name, (plant, seeds) in plants.items():
         parts = np.array(_parts(plant, known, course, seeds))
         error, *others = np.median(parts, axis=0)
-        cells.append([name, *(f"{size:.1f}" for size in (error, parts[:, 0].max(), *others, shaping))])
+        cells.append([name, *(f"{size:.1f}" for size in (error, parts[:, 0].max(), *others, planning))])
     return cells
 
 

@@ -93,7 +93,11 @@ def file_of_every_part() -> str:
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[0\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
-        ("frequency = 4.0", "frequency = 0.0", "shaping: frequency is 0 rad/s; it must be at least 1e-12"),
+        (
+            "yaw_frequency = 2.5",
+            "yaw_frequency = 0.0",
+            "planner: yaw_frequency is 0 rad/s; it must be at least 1e-12",
+        ),
         ("depth = 0.2", "depth = 2", "The notch: depth is 2; it must be at most 1"),
     ],
 )

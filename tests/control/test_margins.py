@@ -30,7 +30,7 @@ def controller(name: str) -> Controller:
         return nominal_controller(four_wheeled(friction=False))
     precise = precise_controller(alten(), compensation="none")
     return precise.with_parts(
-        replace(precise.parts, shaping=None, feed_forward=None)
+        replace(precise.parts, planner=None, feed_forward=None)
     )  # they act on references
 
 

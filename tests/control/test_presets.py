@@ -1,7 +1,6 @@
 """Kinds of controllers: each is one file, found by its name wherever a controller is named."""
 
 from dataclasses import replace
-from math import factorial
 
 import numpy as np
 import pytest
@@ -112,23 +111,6 @@ def test_the_observer_adds_no_more_than_a_share_of_what_the_robot_may_command(na
     assert observer.limit == pytest.approx(limit, rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["alten", "rob311"])
-def test_a_motion_that_changes_into_braking_asks_no_more_than_the_motors_have(name: str):
-    robot = as_robot(name).replace(friction=assumed_friction(name))
-    controller = precise_controller(robot)
-    shaping, needed = controller.parts.shaping, controller.record["feed_forward"][0]
-    assert shaping is not None
-    a, g = shaping.acceleration_limit, np.linspace(0.0, 20.0, 2001)
-    # s'' and s'''' as five lags follow a change from the limit of acceleration to 0.875 of it backward
-    parts = [g**k / factorial(k) * np.exp(-g) for k in range(5)]
-    second = a * (1.0 - 1.875 * (1.0 - np.sum(parts, axis=0)))
-    fourth = -1.875 * a * shaping.frequency**2 * (parts[3] - parts[4])
-    torques = second[:, None, None] * needed["by_second"] + fourth[:, None, None] * needed["by_fourth"]
-    largest = np.linalg.norm(torques, axis=2).max()
-    left = grip_torque_limit(robot) - max(robot.friction.breakaway)
-    assert 0.98 * left < largest < 1.005 * left  # settings have three digits
-
-
 def gripping(grip: float, deviation: float = 0.0) -> Robot:
     robot = alten(FRICTION).replace({"wheels.grip": grip})
     return robot.annotated(standard_deviations={"wheels.grip": deviation} if deviation else {})
@@ -175,10 +157,10 @@ def test_a_robot_of_known_grip_recovers_from_larger_pushes():
 def test_with_the_cap_raised_a_robot_drives_at_what_its_motors_have(name: str):
     robot = as_robot(name).replace(friction=assumed_friction(name))
     controller = precise_controller(robot)
-    shaping = controller.parts.shaping
-    assert shaping is not None
-    assert controller.record["shaping"]["speed"][0] == min(2.0, shaping.speed_limit)
-    raised = controller.with_parts(replace(controller.parts, shaping=replace(shaping, speed_cap=100.0)))
+    planner = controller.parts.planner
+    assert planner is not None
+    assert controller.record["planner"]["speed"][0] == min(2.0, planner.speed_limit)
+    raised = controller.with_parts(replace(controller.parts, planner=replace(planner, speed_cap=100.0)))
     # a wheel turns fastest where the robot drives along its rolling; friction and a lean take 1 % of its speed or more
     along = rolling_directions(robot.wheels.azimuths)[0]
     turns = np.cos(robot.wheels.tilt) / robot.wheels.radius

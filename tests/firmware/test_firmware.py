@@ -217,7 +217,7 @@ def assert_safety_decides_alike(random: Random) -> None:
 def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     """Sensors in, torques out, in a loop with noise, encoder counts and play; each has its own estimator and memory."""
     torques = torques_beside(kind(ROBOT, compensation="partial"), duration=4.0)
-    # precise: the shaping's lags, whose last bits lie w^4 times in the torque; 9e-6 measured
+    # precise: the heading's lags, whose last bits lie w^4 times in the torque; 9e-6 measured
     assert torques.max() < (1e-6 if kind is nominal_controller else 5e-5)
 
 

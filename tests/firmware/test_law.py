@@ -2,7 +2,6 @@
 
 import ctypes
 import tempfile
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.gain_set import tunable
 from ballbot.control.law import ALLOWED, LAW, LAW_SIZE, MEMORY, control_law
-from ballbot.control.parts.planner import Planner
 from ballbot.control.references import circle
 from ballbot.control.tuning import Setting
 from ballbot.firmware.build import compile_sources, compilers, weights_folder
@@ -71,12 +69,6 @@ def mixing() -> Controller:
     return tunable(whole, others)
 
 
-def planning() -> Controller:
-    """Return a controller with every part and the planner."""
-    whole = everything(alten(FRICTION))
-    return whole.with_parts(replace(whole.parts, planner=Planner(torque_limit=1.5, speed_limit=1.0)))
-
-
 def random_setting(random: np.random.Generator) -> Setting:
     weights = tuple(random.dirichlet(np.ones(3)).tolist())
     return Setting(weights=weights, compensation=random.uniform())
@@ -90,7 +82,6 @@ EXAMPLES = {
     ),
     "policy alone": CONTROLLERS["policy alone, 3 wheels"],
     "three gains": mixing,
-    "planner": planning,
 }
 
 
@@ -108,7 +99,7 @@ def assert_same_update(
     compiled.control_law(numbers, own, state[None], reference[None], torques)
     plans = bool(numbers["feed_forward"]["on"][0])
     control_law(law, memory.view(np.float64), state, reference, exact, plans=plans)
-    # 1e-9: the shaping's fourth derivative multiplies the rounding of places of 10 m by w^4
+    # 1e-9: the heading's fourth derivative multiplies the rounding of places of 10 m by w^4
     limit = 1e-9 * max(1.0, float(numbers["torque_limit"][0]))
     np.testing.assert_allclose(torques[0], exact, rtol=0, atol=limit)
     for part in MEMORY.fields:
@@ -119,7 +110,7 @@ def assert_same_update(
 
 #: speeds increase; x, y and psi have no effect on a state's other numbers; and the fourth derivative of lags that are
 #: apart is beyond double precision
-UNFUZZED = ("table_speeds", "transition", "lags", "followed")
+UNFUZZED = ("table_speeds", "transition", "lags", "turned")
 
 
 def fuzzed(record: NDArray[np.void], schema: Schema, random: np.random.Generator) -> NDArray[np.void]:

@@ -13,9 +13,9 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.planner import Planner
 from ballbot.control.parts.policy import SCALES, Policy, observation_size
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -55,10 +55,10 @@ def leaning(theta: float, phi: float = 0.0) -> Floats:
 def example_parts(wheel_count: int) -> Parts:
     """Return every part, at settings that all differ from the defaults."""
     return Parts(
-        shaping=ReferenceShaping(
-            frequency=4.0,
-            speed_limit=0.4,
-            acceleration_limit=0.9,
+        planner=Planner(
+            torque_limit=1.5,
+            speed_limit=1.0,
+            speed_cap=0.9,
             prompt_speed=0.15,
             yaw_frequency=2.5,
             yaw_rate_limit=0.8,

@@ -6,7 +6,7 @@ memory, state and reference, all in numbers that single precision has. Python ha
 precision, the C code has them rounded.
 
 A torque may differ by more than `TOLERANCE` only where the law switches: a wheel's partial compensation with the sign
-of its torque or of the work against rolling friction, and the lead of a shaped reference with its speed.
+of its torque or of the work against rolling friction, and a plan's switches with the reference's speed.
 """
 
 from collections.abc import Callable, Iterator

@@ -16,7 +16,7 @@ from typing import Annotated, get_type_hints
 import numpy as np
 from pydantic import ConfigDict, Field, PositiveFloat
 
-from ballbot.control.controller import Compensation, Controller
+from ballbot.control.controller import Compensation, Controller, motion_torque_limit
 from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import Parts
@@ -58,11 +58,26 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """
     described, tree = as_robot(robot), read_toml(path)
     with about(path):
-        table = validate_table(ControllerTable, take_format(tree, "controller"), of="a controller file")
+        tree = _with_planner(take_format(tree, "controller"), described)
+        table = validate_table(ControllerTable, tree, of="a controller file")
         controller = _controller(table, described)
         _check_policy(table, described)
     warn_if_unsuited(controller, described, name=str(path))
     return controller
+
+
+#: settings of the shaping that earlier files have in place of a planner, and that it has no more
+_FORMER_SHAPING = ("frequency", "acceleration_limit", "drag", "approach_rate")
+
+
+def _with_planner(tree: dict[str, object], robot: Robot) -> dict[str, object]:
+    """Return a file's tables with a planner of the same limits in place of the shaping that earlier files have."""
+    shaping, limit = tree.get("shaping"), tree.get("torque_limit")
+    if not isinstance(shaping, dict) or not isinstance(limit, float | int) or "planner" in tree:
+        return tree
+    kept = {name: value for name, value in shaping.items() if name not in _FORMER_SHAPING}
+    planner = {"torque_limit": motion_torque_limit(robot, float(limit))} | kept
+    return {name: table for name, table in tree.items() if name != "shaping"} | {"planner": planner}
 
 
 def _check_policy(table: ControllerTable, robot: Robot) -> None:

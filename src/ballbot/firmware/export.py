@@ -44,7 +44,7 @@ from ballbot.workflows.limits import refuse_weaker_gains
 PROJECT = Path(__file__).parent / "project"
 #: folder of the library in what is written
 LIBRARY = "src"
-#: a frequency of the heading's lags [rad/s] up to which its fourth power and all products stay far within single precision
+#: frequency of the heading's lags [rad/s] whose fourth power and all products stay far within single precision
 _LARGEST_FREQUENCY = 1e4
 #: of a weight
 _BYTES = 4

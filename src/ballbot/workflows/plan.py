@@ -2,7 +2,7 @@
 
 A plan is made of legs (`ballbot.workflows.collocation`): one from rest to rest, or a run-up to a speed, a moment at it
 and the stop. The reference holds the states at the robot's sample time. A controller with feed-forward follows them
-without shaping; the margin of the limits is what it has against disturbances.
+without the planner; the margin of the limits is what it has against disturbances.
 """
 
 from collections.abc import Sequence

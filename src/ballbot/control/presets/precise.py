@@ -17,7 +17,7 @@ from ballbot.control.controller import (
     Controller,
     catching_torque_limit,
     default_speed_band,
-    grip_torque_limit,
+    motion_torque_limit,
     torque_of_lean,
     wheel_turns,
 )
@@ -48,8 +48,6 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 COMMANDED_LEAN = 0.3
 #: what errors may command of the lean from which the torque limit brings the robot back at rest
 ERROR_LEAN = 0.5
-#: torque of motions over the torque limit: the rest is for the feedback, and for robots that are heavier than known
-MOTION_TORQUE = 0.7
 #: the largest torque that turning takes, over that of motions
 TURNING_TORQUE = 0.1
 #: the largest acceleration of the heading [rad/s^2]
@@ -151,9 +149,13 @@ def fastest_planner(settings: LawSettings, torque_limit: float) -> Planner:
     InputError if the robot cannot have feed-forward.
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
-    by_lean = COMMANDED_LEAN * float(np.linalg.norm(needed.pull, 2) * np.linalg.norm(needed.by_second, axis=1).max())
-    most = MOTION_TORQUE * min(torque_limit, grip_torque_limit(robot))
-    torque = max(min(most, by_lean), max(robot.friction.breakaway) + MOTION_LEAST * by_lean)
+    by_lean = COMMANDED_LEAN * float(
+        np.linalg.norm(needed.pull, 2) * np.linalg.norm(needed.by_second, axis=1).max()
+    )
+    torque = max(
+        min(motion_torque_limit(robot, torque_limit), by_lean),
+        max(robot.friction.breakaway) + MOTION_LEAST * by_lean,
+    )
     turning = TURNING_TORQUE * torque / float(np.abs(needed.by_turning).max())
     return Planner(
         torque_limit=_rounded(torque),

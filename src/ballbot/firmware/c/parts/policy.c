@@ -2,7 +2,7 @@
  *
  *     u = f (K S(psi) (r - x) + parts) + s N(o)      f: 0 for a policy alone, 1 for one that is added
  *
- * It sees the measured state and the reference that is asked for, before prediction, shaping and plans: errors in the heading
+ * It sees the measured state and the reference that is asked for, before prediction and plans: errors in the heading
  * frame over the sizes that count as 1, then its last torques over their limit. It decides every so many samples. Beyond the lean and the speed at
  * which it was trained the linear law acts alone. Its weights are a table in flash (ballbot_policy_weights.h), by rows, each with
  * its bias at the end.
