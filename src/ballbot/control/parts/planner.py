@@ -72,6 +72,8 @@ _GIVEN = 0.5
 _BEND = 0.34375
 #: lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
 _LASTING, _LEAST_LEFT = 1.0, 0.25
+#: acceleration up to which disturbances are looked at [m/s^2]
+_QUIET = 0.125
 #: wheel speed over which friction turns from one sign to the other [rad/s]
 _CREEPING = 0.5
 #: plan at rest: way [m], speed [m/s], acceleration [m/s^2]
@@ -127,7 +129,9 @@ class PlannerRecord:
     prompt: float = field(metadata=number("m/s"))
     far: float = field(metadata=number("m"))
     delay: float = field(metadata=number("s"))
+    #: fraction of the difference by which the lags of r' and r'', and of disturbances, change in a sample
     late_reference: float = field(metadata=number("1"))
+    late_lost: float = field(metadata=number("1"))
     #: of the heading (`turning`): w, exp(-w h) and 1 less that, which single precision would round; limits
     yaw_frequency: float = field(metadata=number("rad/s"))
     yaw_decay: float = field(metadata=number("1"))
@@ -294,18 +298,21 @@ def _notice(own, state, wanted):
 def _lose(law, memory, a):
     """Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself.
 
-    They take what the motors gave besides the motion's torques and the compensation of friction.
+    They take what the motors gave besides the motion's torques and the compensation of friction. While a motion speeds
+    up or brakes that is what its model lacks, which does not last.
     """
     own, state, past = law.planner, memory.planner, memory.history
-    share, lost_x, lost_y = 1.0 / (_LASTING * own.rate + 1.0), 0.0, 0.0
+    lost_x, lost_y = 0.0, 0.0
     for i in range(MAX_WHEELS):
         torque = past.acting[0, i] - past.friction_compensation[0, i]
         lost_x += own.torque * own.frame[i, 0] * torque
         lost_y += own.torque * own.frame[i, 1] * torque
     given = turned_back(a, lost_x, lost_y)
+    second = Pair(0.5 * (state.lead[0] + state.lag[0]), 0.5 * (state.lead[1] + state.lag[1]))
+    share = own.late_lost if second.x * second.x + second.y * second.y < _QUIET * _QUIET else 0.0
     state.lost[0] += share * (given.x - state.now[0] - state.lost[0])
     state.lost[1] += share * (given.y - state.now[1] - state.lost[1])
-    state.catching -= share * state.catching
+    state.catching -= own.late_lost * state.catching
 
 
 @inlined
@@ -694,6 +701,7 @@ class Planner(Part):
             far=_FAR * speed,
             delay=settings.delay,
             late_reference=-math.expm1(-dt / LAG),
+            late_lost=dt / (_LASTING + dt),
             yaw_frequency=self.yaw_frequency,
             yaw_decay=math.exp(-self.yaw_frequency * dt),
             yaw_gone=-math.expm1(-self.yaw_frequency * dt),
