@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "33bda28d4c90ef3be5f1f643b76fa30cc07af388a830c88528665d1df87a966b"
+#define BALLBOT_SCHEMA_DIGEST "1c79ef21912a85da2e1fa2b8cd6be274b594a09dfce7602e1c79f2aec7a8f113"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 868065933, 1284566843, 1710356035, 930063116, 1081799560, 674285701, 677797149, 2021299819 }
+#define BALLBOT_SCHEMA_WORDS { 477753121, 287999450, 773825208, 1298915956, 898932893, 2095538222, 477754030, 1202254099 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -105,6 +105,7 @@ struct ballbot_planner_record {
     float far; /* [m] */
     float delay; /* [s] */
     float late_reference; /* [1] */
+    float late_lost; /* [1] */
     float yaw_frequency; /* [rad/s] */
     float yaw_decay; /* [1] */
     float yaw_gone; /* [1] */
@@ -112,7 +113,7 @@ struct ballbot_planner_record {
     float yaw_acceleration; /* [rad/s^2] */
     float yaw_prompt; /* [rad/s] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2924u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2925u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -215,7 +216,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4327u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4328u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -268,7 +269,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4429u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4430u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

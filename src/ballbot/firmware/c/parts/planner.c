@@ -33,8 +33,8 @@
 #define ROUNDING 0.001f
 /* fraction of the largest acceleration up to which a reference's bend counts */
 #define BEND 0.34375f
-/* lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile */
-#define LASTING 1.0f
+/* acceleration up to which disturbances are looked at [m/s^2] */
+#define QUIET 0.125f
 /* plan at rest: way [m], speed [m/s], acceleration [m/s^2] */
 #define STILL 2e-06f
 #define STILL_SPEED 1e-05f
@@ -146,14 +146,14 @@ static void notice(const struct ballbot_planner_record *own, struct ballbot_plan
 
 /* Follow what lasting disturbances take of a, as a slope does, and how the robot catches itself.
  *
- * They take what the motors gave besides the motion's torques and the compensation of friction.
+ * They take what the motors gave besides the motion's torques and the compensation of friction. While a motion speeds
+ * up or brakes that is what its model lacks, which does not last.
  */
 static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
 {
     const struct ballbot_planner_record *own = &law->planner;
     struct ballbot_planner_state *state = &memory->planner;
     const struct ballbot_torque_history *past = &memory->history;
-    const float share = 1.0f / (LASTING * own->rate + 1.0f);
     float lost_x = 0.0f;
     float lost_y = 0.0f;
 
@@ -164,10 +164,13 @@ static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, s
         lost_y += own->torque * own->frame[i][1] * torque;
     }
     const struct ballbot_pair given = ballbot_turned_back(a, lost_x, lost_y);
+    const struct ballbot_pair second = { 0.5f * (state->lead[0] + state->lag[0]),
+        0.5f * (state->lead[1] + state->lag[1]) };
+    const float share = (second.x * second.x + second.y * second.y < QUIET * QUIET) ? own->late_lost : 0.0f;
 
     state->lost[0] += share * (given.x - state->now[0] - state->lost[0]);
     state->lost[1] += share * (given.y - state->now[1] - state->lost[1]);
-    state->catching -= share * state->catching;
+    state->catching -= own->late_lost * state->catching;
 }
 
 /* Return whether plan and reference are at rest at one place. */
