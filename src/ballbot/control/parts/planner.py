@@ -72,6 +72,8 @@ _GIVEN = 0.5
 _BEND = 0.34375
 #: lag of disturbances, time to come back from catching itself [s], and the least fraction of the torque meanwhile
 _LASTING, _LEAST_LEFT = 1.0, 0.25
+#: part of the torque that they may take: motions without any left would not end
+_LARGEST_LOST = 0.4
 #: acceleration up to which disturbances are looked at [m/s^2]
 _QUIET = 0.125
 #: wheel speed over which friction turns from one sign to the other [rad/s]
@@ -132,6 +134,7 @@ class PlannerRecord:
     #: fraction of the difference by which the lags of r' and r'', and of disturbances, change in a sample
     late_reference: float = field(metadata=number("1"))
     late_lost: float = field(metadata=number("1"))
+    largest_lost: float = field(metadata=number("m/s^2"))
     #: of the heading (`turning`): w, exp(-w h) and 1 less that, which single precision would round; limits
     yaw_frequency: float = field(metadata=number("rad/s"))
     yaw_decay: float = field(metadata=number("1"))
@@ -310,8 +313,11 @@ def _lose(law, memory, a):
     given = turned_back(a, lost_x, lost_y)
     second = Pair(0.5 * (state.lead[0] + state.lag[0]), 0.5 * (state.lead[1] + state.lag[1]))
     share = own.late_lost if second.x * second.x + second.y * second.y < _QUIET * _QUIET else 0.0
-    state.lost[0] += share * (given.x - state.now[0] - state.lost[0])
-    state.lost[1] += share * (given.y - state.now[1] - state.lost[1])
+    x = state.lost[0] + share * (given.x - state.now[0] - state.lost[0])
+    y = state.lost[1] + share * (given.y - state.now[1] - state.lost[1])
+    size = (x * x + y * y) ** 0.5
+    counts = own.largest_lost / size if size > own.largest_lost else 1.0
+    state.lost[0], state.lost[1] = counts * x, counts * y
     state.catching -= own.late_lost * state.catching
 
 
@@ -702,6 +708,7 @@ class Planner(Part):
             delay=settings.delay,
             late_reference=-math.expm1(-dt / LAG),
             late_lost=dt / (_LASTING + dt),
+            largest_lost=_LARGEST_LOST * self.torque_limit / size,
             yaw_frequency=self.yaw_frequency,
             yaw_decay=math.exp(-self.yaw_frequency * dt),
             yaw_gone=-math.expm1(-self.yaw_frequency * dt),
