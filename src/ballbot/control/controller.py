@@ -50,9 +50,6 @@ GRIP_FRACTION = 0.4
 _GRIP_DEVIATIONS = 2.0
 
 
-#: torque for motions over the limit: the rest is for the feedback, and for robots that are heavier than known
-MOTION_TORQUE = 0.7
-
 #: lean [rad] from which a robot must be brought back: errors command up to 0.1 rad (`LeanLimit`)
 _CAUGHT_LEAN = 0.14
 #: speed over the floor at which it is caught [m/s], also over that of the motors without load
@@ -86,11 +83,6 @@ def grip_torque_limit(robot: Robot) -> float:
         known = traction_torque(frictionless_model(robot), certain)
         traction = known if deviation > 0.0 else min(known, traction)
     return min(robot.drive.torque_limit, traction + friction)
-
-
-def motion_torque_limit(robot: Robot, torque_limit: float) -> float:
-    """Return the largest wheel torque [N m] for motions, of a controller's limit and without slip on the ball."""
-    return MOTION_TORQUE * min(torque_limit, grip_torque_limit(robot))
 
 
 def catching_torque_limit(robot: Robot, certain: Friction) -> float:

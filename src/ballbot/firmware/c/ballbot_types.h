@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "1c79ef21912a85da2e1fa2b8cd6be274b594a09dfce7602e1c79f2aec7a8f113"
+#define BALLBOT_SCHEMA_DIGEST "fe7453353908029b85109f607edf917f4824db5b8b99db9f8eaafae55b6f394a"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 477753121, 287999450, 773825208, 1298915956, 898932893, 2095538222, 477754030, 1202254099 }
+#define BALLBOT_SCHEMA_WORDS { 2121552693, 956826267, 84975456, 2128580991, 1210375003, 194632607, 246086373, 1534015818 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -106,6 +106,7 @@ struct ballbot_planner_record {
     float delay; /* [s] */
     float late_reference; /* [1] */
     float late_lost; /* [1] */
+    float largest_lost; /* [m/s^2] */
     float yaw_frequency; /* [rad/s] */
     float yaw_decay; /* [1] */
     float yaw_gone; /* [1] */
@@ -113,7 +114,7 @@ struct ballbot_planner_record {
     float yaw_acceleration; /* [rad/s^2] */
     float yaw_prompt; /* [rad/s] */
 };
-typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2925u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_planner_record_has_no_padding[(sizeof(struct ballbot_planner_record) == 2926u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -216,7 +217,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4328u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 4329u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -269,7 +270,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4430u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 4431u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

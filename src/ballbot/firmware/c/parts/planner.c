@@ -167,9 +167,13 @@ static void lose(const struct ballbot_law *law, struct ballbot_memory *memory, s
     const struct ballbot_pair second = { 0.5f * (state->lead[0] + state->lag[0]),
         0.5f * (state->lead[1] + state->lag[1]) };
     const float share = (second.x * second.x + second.y * second.y < QUIET * QUIET) ? own->late_lost : 0.0f;
+    const float x = state->lost[0] + share * (given.x - state->now[0] - state->lost[0]);
+    const float y = state->lost[1] + share * (given.y - state->now[1] - state->lost[1]);
+    const float size = ballbot_square_root(x * x + y * y);
+    const float counts = (size > own->largest_lost) ? own->largest_lost / size : 1.0f;
 
-    state->lost[0] += share * (given.x - state->now[0] - state->lost[0]);
-    state->lost[1] += share * (given.y - state->now[1] - state->lost[1]);
+    state->lost[0] = counts * x;
+    state->lost[1] = counts * y;
     state->catching -= own->late_lost * state->catching;
 }
 
