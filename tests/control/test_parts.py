@@ -10,7 +10,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
-from ballbot.control.parts.planner import Planner
+from ballbot.control.parts.planner import MOTION_TORQUE, Planner
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.twin import Scenario
@@ -21,7 +21,7 @@ from tests.support.control_examples import FRICTION, Altered, alten, four_wheele
 
 SAMPLE = 0.005
 #: 1.2 m/s^2
-PLANNER = Parts(planner=Planner(torque_limit=1.6))
+PLANNER = Parts(planner=Planner(torque_limit=1.6 / MOTION_TORQUE))
 
 
 def planned(reference, duration: float) -> np.ndarray:

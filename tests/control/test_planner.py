@@ -6,7 +6,7 @@ import pytest
 from ballbot.control.controller import Controller
 from ballbot.control.parts import Parts
 from ballbot.control.parts.feed_forward import FeedForward
-from ballbot.control.parts.planner import Planner
+from ballbot.control.parts.planner import MOTION_TORQUE, Planner
 from ballbot.control.references import circle, drive, hold
 from tests.support.control_examples import alten
 
@@ -15,7 +15,7 @@ SAMPLE, TORQUE = 0.005, 1.6
 
 def planned(reference, duration: float) -> tuple[np.ndarray, ...]:
     """Return s and s'' (N, 2), the ball's places and a of a plan, and the torque for 1 m/s^2; without a gain."""
-    parts = Parts(planner=Planner(torque_limit=TORQUE), feed_forward=FeedForward())
+    parts = Parts(planner=Planner(torque_limit=TORQUE / MOTION_TORQUE), feed_forward=FeedForward())
     controller = Controller(alten(), np.zeros((3, 10)), parts=parts, torque_limit=1e3)
     own, memory, rows = controller.record["planner"][0], controller.memory["planner"], []
     for k in range(round(duration / SAMPLE)):

@@ -16,7 +16,7 @@ from typing import Annotated, get_type_hints
 import numpy as np
 from pydantic import ConfigDict, Field, PositiveFloat
 
-from ballbot.control.controller import Compensation, Controller, motion_torque_limit
+from ballbot.control.controller import Compensation, Controller, grip_torque_limit
 from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import Parts
@@ -76,7 +76,7 @@ def _with_planner(tree: dict[str, object], robot: Robot) -> dict[str, object]:
     if not isinstance(shaping, dict) or not isinstance(limit, float | int) or "planner" in tree:
         return tree
     kept = {name: value for name, value in shaping.items() if name not in _FORMER_SHAPING}
-    planner = {"torque_limit": motion_torque_limit(robot, float(limit))} | kept
+    planner = {"torque_limit": min(float(limit), grip_torque_limit(robot))} | kept
     return {name: table for name, table in tree.items() if name != "shaping"} | {"planner": planner}
 
 

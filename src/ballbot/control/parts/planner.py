@@ -568,6 +568,9 @@ def _pass_knot(state):
 
 #: weights of the changes of a, and of the rows; found by a search on the preset alten, free of the robot's size
 _SMOOTHNESS, _WEIGHTS, _FORCES = 1e-5, (0.004, 0.0015, 0.015, 0.1), (0.7, 0.7, 0.7, 0.035)
+#: torque of motions over what friction leaves of the limit: the rest is for the feedback, and for robots that are
+#: heavier than known
+MOTION_TORQUE = 0.7
 #: time from plan to plan [s]; of a reversal of all torque [s]; way over the speed limit that is looked at [s]
 _EVERY, _REVERSAL, _FAR = 0.02, 0.1, 1.0
 
@@ -679,7 +682,7 @@ class Planner(Part):
         tables = [_matrices(p, offset, first, interval) for first in intervals[:PHASES]]
         inverse, by_lead, by_start, by_reference = (np.array(one) for one in zip(*tables, strict=True))
         worst = float(np.linalg.norm(needed.by_second, axis=1).max())
-        largest, speed = self.torque_limit / worst, min(self.speed_limit, self.speed_cap)
+        largest, speed = MOTION_TORQUE * self.torque_limit / worst, min(self.speed_limit, self.speed_cap)
         return PlannerRecord(
             every=every,
             steps=math.ceil(_STEPS / every),
@@ -694,9 +697,9 @@ class Planner(Part):
             by_reference=by_reference,
             frame=needed.by_second / size,
             rolling=frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2],
-            most=self.torque_limit / size,
-            viscous=float(np.mean(robot.friction.viscous)) / size,
-            dry=float(np.mean(robot.friction.coulomb)) / size,
+            most=MOTION_TORQUE * self.torque_limit / size,
+            viscous=MOTION_TORQUE * float(np.mean(robot.friction.viscous)) / size,
+            dry=MOTION_TORQUE * float(np.mean(robot.friction.coulomb)) / size,
             torque=1.0 / size,
             worst=worst / size,
             weight=np.array(_WEIGHTS),
@@ -708,7 +711,7 @@ class Planner(Part):
             delay=settings.delay,
             late_reference=-math.expm1(-dt / LAG),
             late_lost=dt / (_LASTING + dt),
-            largest_lost=_LARGEST_LOST * self.torque_limit / size,
+            largest_lost=_LARGEST_LOST * MOTION_TORQUE * self.torque_limit / size,
             yaw_frequency=self.yaw_frequency,
             yaw_decay=math.exp(-self.yaw_frequency * dt),
             yaw_gone=-math.expm1(-self.yaw_frequency * dt),

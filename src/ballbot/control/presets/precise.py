@@ -17,7 +17,6 @@ from ballbot.control.controller import (
     Controller,
     catching_torque_limit,
     default_speed_band,
-    motion_torque_limit,
     torque_of_lean,
     wheel_turns,
 )
@@ -28,7 +27,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.part import LawSettings
-from ballbot.control.parts.planner import Planner
+from ballbot.control.parts.planner import MOTION_TORQUE, Planner
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -48,8 +47,8 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 COMMANDED_LEAN = 0.3
 #: what errors may command of the lean from which the torque limit brings the robot back at rest
 ERROR_LEAN = 0.5
-#: the largest torque that turning takes, over that of motions
-TURNING_TORQUE = 0.1
+#: the largest torque that turning takes, over the torque limit
+TURNING_TORQUE = 0.07
 #: the largest acceleration of the heading [rad/s^2]
 YAW_ACCELERATION = 3.0
 #: the least acceleration over that by `COMMANDED_LEAN`, for motors that friction leaves nothing
@@ -149,13 +148,10 @@ def fastest_planner(settings: LawSettings, torque_limit: float) -> Planner:
     InputError if the robot cannot have feed-forward.
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
-    by_lean = COMMANDED_LEAN * float(
-        np.linalg.norm(needed.pull, 2) * np.linalg.norm(needed.by_second, axis=1).max()
-    )
-    torque = max(
-        min(motion_torque_limit(robot, torque_limit), by_lean),
-        max(robot.friction.breakaway) + MOTION_LEAST * by_lean,
-    )
+    largest = float(np.linalg.norm(needed.by_second, axis=1).max())
+    by_lean = COMMANDED_LEAN * float(np.linalg.norm(needed.pull, 2)) * largest / MOTION_TORQUE
+    torque = min(torque_limit, grip_torque_limit(robot), by_lean)
+    torque = max(torque, max(robot.friction.breakaway) + MOTION_LEAST * by_lean)
     turning = TURNING_TORQUE * torque / float(np.abs(needed.by_turning).max())
     return Planner(
         torque_limit=_rounded(torque),
