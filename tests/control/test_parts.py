@@ -24,10 +24,10 @@ SAMPLE = 0.005
 PLANNER = Parts(planner=Planner(torque_limit=1.6 / MOTION_TORQUE))
 
 
-def planned(reference, duration: float) -> np.ndarray:
-    """Return the planned x, y (N, 2) of the flat output, of a robot at rest at the origin with feed-forward alone."""
+def planned(robot: Robot, reference, duration: float) -> np.ndarray:
+    """Return the planned x, y (N, 2) of the flat output, of a robot that stays at the origin, with feed-forward alone."""
     parts, places = replace(PLANNER, feed_forward=FeedForward()), []
-    controller = Controller(alten(), np.zeros((3, 10)), parts=parts)
+    controller = Controller(robot, np.zeros((robot.wheel_count, 10)), parts=parts)
     for k in range(round(duration / SAMPLE)):
         controller.update(k * SAMPLE, np.zeros(10), reference(k * SAMPLE))
         places.append(controller.memory["planner"]["place"][0].copy())
@@ -53,7 +53,7 @@ def test_a_motion_starts_where_the_robot_is():
 )
 def test_feed_forward_makes_a_robot_without_friction_do_the_planned_motion(robot: Robot):
     gain, reference = design_gain(robot).gain, hold(x=0.3, y=-0.4)
-    flat = planned(reference, 8.0)
+    flat = planned(robot, reference, 8.0)
     errors, leaned = {}, 0.0
     for name, part in (("without", None), ("with", FeedForward())):
         controller = Controller(robot, gain, parts=replace(PLANNER, feed_forward=part))

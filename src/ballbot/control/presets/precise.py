@@ -17,6 +17,7 @@ from ballbot.control.controller import (
     Controller,
     catching_torque_limit,
     default_speed_band,
+    grip_torque_limit,
     torque_of_lean,
     wheel_turns,
 )
