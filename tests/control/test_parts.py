@@ -25,7 +25,7 @@ PLANNER = Parts(planner=Planner(torque_limit=1.6 / MOTION_TORQUE))
 
 
 def planned(robot: Robot, reference, duration: float) -> np.ndarray:
-    """Return the planned x, y (N, 2) of the flat output, of a robot that stays at the origin, with feed-forward alone."""
+    """Return the planned x, y (N, 2) of a robot that stays at the origin, with feed-forward alone."""
     parts, places = replace(PLANNER, feed_forward=FeedForward()), []
     controller = Controller(robot, np.zeros((robot.wheel_count, 10)), parts=parts)
     for k in range(round(duration / SAMPLE)):
@@ -63,8 +63,8 @@ def test_feed_forward_makes_a_robot_without_friction_do_the_planned_motion(robot
     # the place is behind the flat output by 0.078 s^2 times an acceleration of up to 1.2 m/s^2 by design
     assert errors["with"] < 0.1
     assert errors["without"] > 2.5 * errors["with"]
-    # 0.139 rad s^2/m times 1.2 m/s^2
-    assert 0.1 < leaned < 0.17
+    # 0.139 rad s^2/m times 1.2 m/s^2 in the wheels' worst direction
+    assert 0.1 < leaned < 0.18
 
 
 @pytest.mark.slow
