@@ -572,7 +572,7 @@ _SMOOTHNESS, _WEIGHTS, _FORCES = 1e-5, (0.004, 0.0015, 0.015, 0.1), (0.7, 0.7, 0
 #: heavier than known
 MOTION_TORQUE = 0.7
 #: time from plan to plan [s]; of a reversal of all torque [s]; way over the speed limit that is looked at [s]
-_EVERY, _REVERSAL, _FAR = 0.02, 0.1, 1.25
+_EVERY, _REVERSAL, _FAR = 0.02, 0.1, 1.0
 
 
 class _Times(NamedTuple):
