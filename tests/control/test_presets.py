@@ -153,7 +153,7 @@ def test_a_robot_of_known_grip_recovers_from_larger_pushes():
     assert survivors(precise_controller(gripping(1.0, 0.1)), 34.0) == 8
 
 
-# kugle, whose motors allow 6.9 m/s, drives at 5.7: its target is at most a second's way ahead
+# kugle, whose motors allow 6.9 m/s, drives at 5.5: its target is at most a second's way ahead
 @pytest.mark.parametrize("name", ["alten", "rob311"])
 def test_with_the_cap_raised_a_robot_drives_at_what_its_motors_have(name: str):
     robot = as_robot(name).replace(friction=assumed_friction(name))
