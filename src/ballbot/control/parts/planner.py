@@ -568,7 +568,7 @@ def _pass_knot(state):
 
 #: weights of the changes of a, and of the rows; found by a search on the preset alten, free of the robot's size
 _SMOOTHNESS, _WEIGHTS, _FORCES = 1e-5, (0.004, 0.0015, 0.015, 0.1), (0.7, 0.7, 0.7, 0.035)
-#: torque of motions and friction over the limit: the rest is for the feedback, and for robots that are heavier than known
+#: torque of motions and friction over the limit: the rest is for the feedback, and for robots heavier than known
 MOTION_TORQUE = 0.7
 #: time from plan to plan [s]; of a reversal of all torque [s]; way over the speed limit that is looked at [s]
 _EVERY, _REVERSAL, _FAR = 0.02, 0.1, 1.0
