@@ -101,12 +101,18 @@ class AxisModel:
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
     held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
+    by_force: bool = False  #: whether the balance of forces is fitted, in place of positions over windows
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the estimated parameters."""
         every = (*LAWS[self.law][0], *(name for force in self.forces for name in FORCES[force]))
         return tuple(name for name in every if name not in self.known)
+
+    def error_unit(self, axis_unit: str) -> tuple[float, str]:
+        """Return the unit in which errors of the fit are shown, and how many are one in SI units."""
+        own = (1.0, "N"), (1.0, "N m"), (1e3, "mm"), (1e3, "mrad")
+        return own[2 * (not self.by_force) + (axis_unit == "rad")]
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
