@@ -129,17 +129,14 @@ def _force_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration:
 
     def errors(values: Floats) -> Floats:
         named = dict(zip(model.names, values.tolist(), strict=True))
-        axis, delay = model.axis(named), named.get("delay", 0.0)
-        left = (_force_left(axis, motion, delay)[own] for motion, own in zip(motions, rows, strict=True))
-        return np.concatenate([*left])
+        left = (_force_left(model.axis(named), motion, named.get("delay", 0.0)) for motion in motions)
+        return np.concatenate([force[own] for force, own in zip(left, rows, strict=True)])
 
-    experiment = residuals_without_states(
-        errors,
-        parameters=_parameters(model, motions),
-        block=block.ravel(),
-        block_log=blocks[:, 0].astype(int),
+    of = _parameters(model, motions)
+    plain = residuals_without_states(
+        errors, parameters=of, block=block.ravel(), block_log=blocks[:, 0].astype(int)
     )
-    return replace(experiment, coordinates=experiment.coordinates.holding(*model.held))
+    return replace(plain, coordinates=plain.coordinates.holding(*model.held))
 
 
 def _force_left(axis: Axis, motion: AxisMotion, delay: float = 0.0) -> Floats:
@@ -465,10 +462,7 @@ def _with_forces(
 
 
 def _better_judge(fit: AxisEstimate) -> AxisEstimate:
-    """Return the fit by the balance of forces if that leaves another force, and the positions do not contradict it.
-
-    Positions, with each window's start fitted, see a slow force as a motion that friction might have caused.
-    """
+    """Return the fit by forces if they show another force, which positions do not contradict; else the fit itself."""
     models = (replace(fit.model, interpolated=between_rows) for between_rows in (False, True))
     if max(inverse_model(fit.motions, model).explained for model in models) > 1.0 - _ANOTHER_FORCE:
         return fit
@@ -595,18 +589,13 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
 
 
 def _another_force(best: AxisEstimate) -> Iterator[Finding]:
-    """Say what force the record lacks."""
+    forces = [motion.force(interpolated=best.model.interpolated)[motion.moving] for motion in best.motions]
     if best.model.by_force:
-        unit = best.motions[0].record.force_unit
-        forces = [
-            motion.force(interpolated=best.model.interpolated)[motion.moving] for motion in best.motions
-        ]
         text = (
-            f"Another force acts: position, speed and acceleration of this axis leave {best.rms:.3g} {unit} RMS, "
-            f"{100.0 * best.rms / np.std(np.concatenate(forces)):.0f} % of the force, as where other joints move with "
-            "it. Positions cannot tell it from friction, so the parameters are from the balance of forces, and no law "
-            "of friction leaves less on held-out blocks. The record lacks the other axes: their force, as by a model "
-            "of the arm, can be added in a mapping, and a longer record narrows the intervals."
+            f"Another force acts, as where joints move together: {best.rms:.3g} {best.motions[0].record.force_unit} "
+            f"RMS, {100.0 * best.rms / np.std(np.concatenate(forces)):.0f} % of the force, are no function of this "
+            "axis's motion by any of the laws. Positions do not tell it from friction, so the balance of forces gives "
+            "the parameters. A force that is known can be added in a mapping; a longer record narrows the intervals."
         )
         yield warning("another-force", text, "force")
 

@@ -110,9 +110,8 @@ class AxisModel:
         return tuple(name for name in every if name not in self.known)
 
     def error_unit(self, axis_unit: str) -> tuple[float, str]:
-        """Return the unit in which errors of the fit are shown, and how many are one in SI units."""
-        own = (1.0, "N"), (1.0, "N m"), (1e3, "mm"), (1e3, "mrad")
-        return own[2 * (not self.by_force) + (axis_unit == "rad")]
+        """Return the unit in which errors of the fit are shown, and its factor."""
+        return (1.0, "N" if axis_unit == "m" else "N m") if self.by_force else (1e3, f"m{axis_unit}")
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
