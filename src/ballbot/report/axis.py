@@ -92,7 +92,7 @@ def axis_report(
         for symbol, meaning, unit, value in parameter_rows(fit)
     }
     one_record = "How much parameters differ from record to record: there is one (--also adds records)."
-    mass, judge = capital(words.pop("M")), "force" if fit.best.model.by_force else "position"
+    mass, judge = capital(words.pop("M")), fit.best.model.judge
     return Result(
         title=f"{', '.join(fit.records)}: mass and friction",
         lead=f"{records}{of_record}; the law {fit.law}, fitted over windows of {fit.window:.3g} s.",
@@ -150,10 +150,7 @@ def _sections(fit: AxisIdentification, record: AxisRecord | None) -> Iterator[Se
         selected if forces else None,
         drawn_picture("friction", friction, axis_friction_figure, fit, record) if record else None,
     )
-    (scale, unit), what = (
-        fit.best.model.error_unit(fit.unit),
-        "force" if fit.best.model.by_force else "position",
-    )
+    scale, unit = fit.best.model.error_unit(fit.unit)
     errors = [
         (name, of, *(f"{digits(e)} {own}" if np.isfinite(e) else DASH for e, own in numbers))
         for name, estimate in fit.by_law.items()
@@ -167,7 +164,7 @@ def _sections(fit: AxisIdentification, record: AxisRecord | None) -> Iterator[Se
     yield section(
         "Predictions and laws",
         Sheet(
-            ("law", "record", f"{what}, windows", "position, whole"),
+            ("law", "record", f"{fit.best.model.judge}, windows", "position, whole"),
             errors,
             "Every law on each record, RMS. Windows: as fitted, positions each from its best start; whole: the record "
             "from its first row.",
@@ -190,8 +187,7 @@ def expected_sentence(fit: AxisIdentification) -> str:
     """Return the error to expect on another record."""
     scale, unit = fit.best.model.error_unit(fit.unit)
     error, low, high = (digits(scale * value) for value in fit.expected)
-    what = "force that is not explained" if fit.best.model.by_force else "position error"
     return (
-        f"On another record under these conditions the {what} over windows of {fit.window:.3g} s should be "
-        f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
+        f"On another record under these conditions the {fit.best.model.judge} error over windows of {fit.window:.3g} s "
+        f"should be {error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )

@@ -74,7 +74,7 @@ def window_duration(motions: Sequence[AxisMotion]) -> float:
 
 def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> Residuals:
     """Return the experiment of a model on windows of about this duration [s], end to end between gaps."""
-    if model.by_force:
+    if model.judge == "force":
         return _force_experiment(model, motions, duration)
     windows = []
     for number, motion in enumerate(motions):
@@ -132,10 +132,8 @@ def _force_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration:
         left = (_force_left(model.axis(named), motion, named.get("delay", 0.0)) for motion in motions)
         return np.concatenate([force[own] for force, own in zip(left, rows, strict=True)])
 
-    of = _parameters(model, motions)
-    plain = residuals_without_states(
-        errors, parameters=of, block=block.ravel(), block_log=blocks[:, 0].astype(int)
-    )
+    of, block_log = _parameters(model, motions), blocks[:, 0].astype(int)
+    plain = residuals_without_states(errors, parameters=of, block=block.ravel(), block_log=block_log)
     return replace(plain, coordinates=plain.coordinates.holding(*model.held))
 
 
@@ -166,7 +164,7 @@ class AxisErrors:
     """Prediction errors on a record."""
 
     window_rmse: (
-        float  #: of the position over windows, from their best starts [m]; or of the force, as fitted [N]
+        float  #: as fitted: of positions over windows, from their best starts [m], or of the force [N]
     )
     open_loop_rmse: float  #: of the position over the complete record, from its start [m]; NaN with gaps
 
@@ -266,7 +264,7 @@ _FADES = 0.5
 #: most of the machines of campaigns/one_axis.py
 _CONTRADICTED = 0.05
 #: share of the squared force that a regression leaves if another force acts; 0.0014 on the benchmark EMPS, 0.008 to 0.1
-#: on joints of an arm that move together, at most 0.007 on rigid simulated machines with 16 bits
+#: on joints of an arm that move together, below 0.0002 on simulated machines that are rigid
 _ANOTHER_FORCE = 0.005
 _DRAWS, _SEED = 2000, 0
 
@@ -309,9 +307,7 @@ class AxisIdentification(Reported):
     window: float  #: length of the windows [s]
     law: str  #: that was selected or requested
     by_law: dict[str, AxisEstimate]  #: the fitted laws; the errors of `law` include differences of methods
-    expected: tuple[
-        float, float, float
-    ]  #: error on held-out blocks [m, or N by force], and its 95 % interval
+    expected: tuple[float, float, float]  #: error on held-out blocks [m or N], and its 95 % interval
     findings: tuple[Finding, ...]
 
     @property
@@ -438,7 +434,7 @@ def _with_forces(
         for name, value in start.items()
     }
     gains, fit = dict[str, Gain](), _better_judge(fit_axis(wider, motions, {"load": _LOAD_START, **start}))
-    model, wider = (replace(one, by_force=fit.model.by_force) for one in (model, fit.model))
+    model, wider = (replace(one, judge=fit.model.judge) for one in (model, fit.model))
 
     def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
         """Return the fit with a force if held-out blocks support it, and store its gain; else the one without."""
@@ -466,7 +462,7 @@ def _better_judge(fit: AxisEstimate) -> AxisEstimate:
     models = (replace(fit.model, interpolated=between_rows) for between_rows in (False, True))
     if max(inverse_model(fit.motions, model).explained for model in models) > 1.0 - _ANOTHER_FORCE:
         return fit
-    balance = fit_axis(replace(fit.model, by_force=True), fit.motions, fit.values)
+    balance = fit_axis(replace(fit.model, judge="force"), fit.motions, fit.values)
     for name, error in balance.standard_errors.items():
         # a law that ends at a bound does not suit the forces; positions that end there are blind
         beyond = CLEAR * np.hypot(error, fit.standard_errors[name])
@@ -590,12 +586,12 @@ def _expected(squares: Floats) -> tuple[float, float, float]:
 
 def _another_force(best: AxisEstimate) -> Iterator[Finding]:
     forces = [motion.force(interpolated=best.model.interpolated)[motion.moving] for motion in best.motions]
-    if best.model.by_force:
+    if best.model.judge == "force":
         text = (
             f"Another force acts, as where joints move together: {best.rms:.3g} {best.motions[0].record.force_unit} "
             f"RMS, {100.0 * best.rms / np.std(np.concatenate(forces)):.0f} % of the force, are no function of this "
             "axis's motion by any of the laws. Positions do not tell it from friction, so the balance of forces gives "
-            "the parameters. A force that is known can be added in a mapping; a longer record narrows the intervals."
+            "the parameters. Its cause, if known, can be added in a mapping; a longer record narrows the intervals."
         )
         yield warning("another-force", text, "force")
 

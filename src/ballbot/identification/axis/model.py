@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -101,7 +101,9 @@ class AxisModel:
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
     held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
-    by_force: bool = False  #: whether the balance of forces is fitted, in place of positions over windows
+    judge: Literal["position", "force"] = (
+        "position"  #: of the fit: positions over windows, or the balance of forces
+    )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,7 +113,7 @@ class AxisModel:
 
     def error_unit(self, axis_unit: str) -> tuple[float, str]:
         """Return the unit in which errors of the fit are shown, and its factor."""
-        return (1.0, "N" if axis_unit == "m" else "N m") if self.by_force else (1e3, f"m{axis_unit}")
+        return (1.0, "N" if axis_unit == "m" else "N m") if self.judge == "force" else (1e3, f"m{axis_unit}")
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
