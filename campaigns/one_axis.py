@@ -158,6 +158,14 @@ JOINTS = (
 )
 
 
+_JOINT_SOURCES = (
+    "Sources: TX40: thanhndv212/figaroh-examples at c0b5c7f0, examples/staubli_TX40 (data, and values in config/"
+    "TX40_config.yaml). Panda: marcocognetti/FrankaEmikaPandaDynModel at 24d85ce4, matlab (data/Exciting_Traj/"
+    "Trajectory_1, dyn_model_panda/get_FrictionTorque.m). OpenArm: YIZHIXIAOCANGSHU/"
+    "Friction-Identification-for-Manipulators at f9157512, results."
+)
+
+
 def joints() -> Section:
     """Identify the joints of public records and return the section of docs/generated/evidence.md."""
     outcomes = {joint.name: _identified(joint.read(data_folder())) for joint in JOINTS}
@@ -173,10 +181,7 @@ def joints() -> Section:
         "line of five pieces) in c's place. Units are N m, rad and s.",
         columns=["joint", "b published", "b", "c published", "c", "held-out", "plain", "free", "it lacks"],
         rows=[_joint_row(joint, outcomes[joint.name]) for joint in JOINTS],
-        after=f"Refused: {' '.join(refused)} Sources: TX40: thanhndv212/figaroh-examples at c0b5c7f0, "
-        "examples/staubli_TX40 (data, and values in config/TX40_config.yaml). Panda: marcocognetti/FrankaEmikaPandaDynModel at 24d85ce4, matlab (data/"
-        "Exciting_Traj/Trajectory_1, dyn_model_panda/get_FrictionTorque.m). OpenArm: YIZHIXIAOCANGSHU/"
-        "Friction-Identification-for-Manipulators at f9157512, results.",
+        after=f"{_JOINT_SOURCES} Refused: {' '.join(refused)}",
     )
 
 
