@@ -10,6 +10,7 @@ records of joints are made, which stand in the folder axes.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -228,9 +229,9 @@ def _held_out(joint: Joint, record: AxisRecord) -> tuple[float, float, float]:
     half = replace(
         record, force=record.force[: second[0]], position=record.position[: second[0]], times=times
     )
-    left, found = np.full(len(force), np.nan), _identified(half)
-    if not isinstance(found, str):
-        axis = found.axis()
+    left = np.full(len(force), np.nan)
+    with suppress(InputError):
+        axis = identify_axis(half).best.axis()
         left = force - axis.other_forces(force, position, speed, acceleration) - axis.friction(speed)
     ours, plain, broken = (
         float(np.sqrt(np.mean(error[second] ** 2)) / np.std(force[second])) for error in (left, *errors)

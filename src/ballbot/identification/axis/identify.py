@@ -263,9 +263,9 @@ _FADES = 0.5
 #: share of the squared force that a regression explains and a fit leaves if the two contradict each other; 0.002 at
 #: most of the machines of campaigns/one_axis.py
 _CONTRADICTED = 0.05
-#: share of the squared force that a regression leaves if another force acts; 0.0014 on the benchmark EMPS, 0.008 to 0.1
-#: on joints of an arm that move together, below 0.0002 on simulated machines that are rigid
-_ANOTHER_FORCE = 0.005
+#: share of the squared force that a regression leaves if another force acts, 0.0014 on the benchmark EMPS, 0.008 to 0.1
+#: on joints of an arm that move together; and share that it explains at least if it is a model of the axis
+_ANOTHER_FORCE, _LEAST_EXPLAINED = 0.005, 0.75
 _DRAWS, _SEED = 2000, 0
 
 
@@ -460,13 +460,15 @@ def _with_forces(
 def _better_judge(fit: AxisEstimate) -> AxisEstimate:
     """Return the fit by forces if they show another force, which positions do not contradict; else the fit itself."""
     models = (replace(fit.model, interpolated=between_rows) for between_rows in (False, True))
-    if max(inverse_model(fit.motions, model).explained for model in models) > 1.0 - _ANOTHER_FORCE:
+    explained = max(inverse_model(fit.motions, model).explained for model in models)
+    if not _LEAST_EXPLAINED < explained < 1.0 - _ANOTHER_FORCE:
         return fit
     balance = fit_axis(replace(fit.model, judge="force"), fit.motions, fit.values)
     for name, error in balance.standard_errors.items():
-        # a law that ends at a bound does not suit the forces; positions that end there are blind
-        beyond = CLEAR * np.hypot(error, fit.standard_errors[name])
-        if np.isnan(error) or abs(balance.values[name] - fit.values[name]) > beyond:
+        # a law at a bound does not suit; friction that is at one by positions, they do not see
+        unseen = np.inf if name in ("viscous", "coulomb") else 0.0
+        allowed = CLEAR * np.hypot(error, np.nan_to_num(fit.standard_errors[name], nan=unseen))
+        if not abs(balance.values[name] - fit.values[name]) <= allowed:
             return fit
     return balance
 
