@@ -467,7 +467,8 @@ def _better_judge(fit: AxisEstimate) -> AxisEstimate:
     for name, error in balance.standard_errors.items():
         # a law at a bound does not suit; friction that is at one by positions, they do not see
         unseen = np.inf if name in ("viscous", "coulomb") else 0.0
-        allowed = CLEAR * np.hypot(error, np.nan_to_num(fit.standard_errors[name], nan=unseen))
+        theirs = np.nan_to_num(fit.standard_errors[name], nan=unseen)
+        allowed = CLEAR * np.sqrt(error**2 + theirs**2)  # NaN at a bound by forces, where hypot has infinity
         if not abs(balance.values[name] - fit.values[name]) <= allowed:
             return fit
     return balance
