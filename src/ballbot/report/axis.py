@@ -20,7 +20,7 @@ from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law"}
+_VERDICT_WORDS = {"another-force": "Another force", "force-delay": "Delay", "law": "Law"}
 #: forces that are selected in addition to the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 
