@@ -433,7 +433,9 @@ def _with_forces(
         name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
         for name, value in start.items()
     }
-    gains, fit = dict[str, Gain](), _better_judge(fit_axis(wider, motions, {"load": _LOAD_START, **start}))
+    gains, fit = dict[str, Gain](), fit_axis(wider, motions, {"load": _LOAD_START, **start})
+    # between uneven rows the force is unknown, of which the balance has errors of its own
+    fit = fit if uneven else _better_judge(fit)
     model, wider = (replace(one, judge=fit.model.judge) for one in (model, fit.model))
 
     def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
@@ -554,6 +556,9 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
     """Return the fit with errors that include differences between records and methods, and a finding on these."""
     inverse, motions = inverse_model(fit.motions, fit.model), fit.motions
     others = {"by the inverse model": (inverse.values, inverse.errors)}
+    if fit.model.judge == "force":
+        by_position = fit_axis(replace(fit.model, judge="position"), motions, fit.values)
+        others = {"by positions": (by_position.values, by_position.standard_errors)}
     for number, motion in enumerate(motions if len(motions) > 1 else (), start=1):
         alone = fit_axis(fit.model, [motion], fit.values)
         others[f"in record {number}"] = alone.values, alone.standard_errors
