@@ -12,7 +12,6 @@ records of joints are made, which stand in the folder axes.
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -25,7 +24,6 @@ from ballbot.identification.axis import (
     AxisOptions,
     AxisRecord,
     identify_axis,
-    record_of_rows,
 )
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.identify import AxisEstimate
@@ -33,6 +31,7 @@ from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.rounding import DASH
 from campaigns.section import DataMissingError, Section, data_folder, public_file, share_words
+from tests.support.axis_joints import JOINTS, Joint
 from tests.support.axis_machines import Drive, Logging, Machine, Motion, record_of
 
 #: of the record
@@ -94,71 +93,6 @@ def _after(result: AxisIdentification) -> str:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Joint:
-    """A public record of one joint, and what is published of it."""
-
-    name: str
-    file: str  #: in the folder axes
-    force: str  #: its column
-    viscous: float  #: published [N m s/rad]
-    coulomb: float  #: published [N m]
-    lacks: str  #: what of the motion's causes the record does not have
-    gravity: bool = True  #: whether the plain fit has gravity: the axis is not vertical
-
-    def read(self, folder: Path) -> AxisRecord:
-        """Return the record from the folder of public data; DataMissingError if it is not there."""
-        path = folder / "axes" / self.file
-        if not path.exists():
-            raise DataMissingError(f"it needs {path}; see docs/axis.md")
-        rows = np.genfromtxt(path, delimiter=",", names=True)
-        return record_of_rows(self.name, rows["t_s"], rows[self.force], rows["position_rad"], unit="rad")
-
-
-_TX40 = (
-    (1, 8.05, 7.14, "velocity; coupling"),
-    (2, 5.53, 8.26, "velocity; coupling; gravity of the arm beyond"),
-    (3, 1.97, 6.34, "velocity; coupling; gravity by the sum of two angles"),
-    (4, 1.11, 2.48, "velocity; coupling"),
-    (5, 1.86, 3.03, "velocity; joint 6, which its motor also turns"),
-    (6, 0.65, 0.282, "velocity; joint 5, whose motor also turns it"),
-)
-_OPENARM = ((3, 0.266, 0.3375), (4, 0.0, 0.8388), (6, 0.0, 0.1677), (7, 0.0055, 0.1131))
-JOINTS = (
-    *(
-        Joint(
-            name=f"TX40 {number}",
-            file=f"tx40/tx40_joint{number}.csv.gz",
-            force="torque_joint_Nm",
-            viscous=b,
-            coulomb=c,
-            lacks=lacks,
-            gravity=number > 1,
-        )
-        for number, b, c, lacks in _TX40
-    ),
-    Joint(
-        name="Panda 7",
-        file="panda/panda_traj1_joint7.csv.gz",
-        force="torque_joint_Nm",
-        viscous=0.0,
-        coulomb=0.282,
-        lacks="the rotor's inertia, which is before the torque sensor",
-    ),
-    *(
-        Joint(
-            name=f"OpenArm {number}",
-            file=f"openarm/openarm_collect_joint{number}.csv.gz",
-            force="torque_measured_Nm",
-            viscous=b,
-            coulomb=c,
-            lacks="rows: 12 to 35 a second, uneven, and mostly at rest",
-        )
-        for number, b, c in _OPENARM
-    ),
-)
-
-
 _JOINT_SOURCES = (
     "Sources: TX40: thanhndv212/figaroh-examples at c0b5c7f0, examples/staubli_TX40 (data, and values in config/"
     "TX40_config.yaml). Panda: marcocognetti/FrankaEmikaPandaDynModel at 24d85ce4, matlab (data/Exciting_Traj/"
@@ -169,7 +103,10 @@ _JOINT_SOURCES = (
 
 def joints() -> Section:
     """Identify the joints of public records and return the section of docs/generated/evidence.md."""
-    outcomes = {joint.name: _identified(joint.read(data_folder())) for joint in JOINTS}
+    folder = data_folder()
+    if not (folder / "axes").is_dir():
+        raise DataMissingError(f"it needs {folder / 'axes'}; see docs/axis.md")
+    outcomes = {joint.name: _identified(joint.read(folder)) for joint in JOINTS}
     refused = [f"{name}: {why}" for name, why in outcomes.items() if isinstance(why, str)]
     return Section(
         title="One axis: joints of arms",

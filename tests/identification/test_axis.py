@@ -11,8 +11,8 @@ from ballbot.errors import InputError
 from ballbot.identification.axis import AxisOptions, identify_axis
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.one_axis import JOINTS, Joint
 from tests.support.axis_examples import simulated_record
+from tests.support.axis_joints import JOINTS, Joint
 from tests.support.axis_machines import Logging, Machine, record_of
 from tests.support.faulty_samples import friction_record
 
