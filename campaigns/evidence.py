@@ -62,6 +62,7 @@ CAMPAIGNS = {
     "course_robot": "campaigns.course_robot",
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
+    "axis_joints": "campaigns.one_axis:joints",
     "axis_machines": "campaigns.one_axis:machines",
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
@@ -83,9 +84,9 @@ _HEAD = """# Evidence
 The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a
 section writes that section alone. Behind it stand the commit that made it and the packages that it depends on; a
 section is stale if results of commands that exercise them have changed since (`python -m campaigns.evidence --stale`).
-The sections on the EMPS benchmark and on a course's robot need public records (see [one axis](../axis.md) and
-[a real robot](../real_robots.md)): they are written if BALLBOT_DATA names the folder with `emps/DATA_EMPS.mat` and
-`rob311`, and stay as they are if not.
+The sections on the EMPS benchmark, joints of arms and a course's robot need public records (see [one axis](../axis.md)
+and [a real robot](../real_robots.md)): they are written if BALLBOT_DATA names the folder with `emps/DATA_EMPS.mat`,
+`axes` and `rob311`, and stay as they are if not.
 
 """
 

@@ -1,26 +1,37 @@
-"""Identify one axis: the public EMPS record, compared with what is published, and simulated machines.
+"""Identify one axis: public records, compared with what is published, and simulated machines.
 
 .venv/bin/python -m campaigns.evidence one_axis          with BALLBOT_DATA=DIR
+.venv/bin/python -m campaigns.evidence axis_joints       with BALLBOT_DATA=DIR
 .venv/bin/python -m campaigns.evidence axis_machines
 
 The record DATA_EMPS.mat is the training record of A. Janot, M. Gautier, M. Brunot, Data set and reference models of
-EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR. docs/axis.md says where it is.
+EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR. docs/axis.md says where it is, and how the
+records of joints are made, which stand in the folder axes.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
+import scipy
 
 from ballbot.errors import InputError
 from ballbot.findings import texts
-from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
+from ballbot.identification.axis import (
+    AxisIdentification,
+    AxisOptions,
+    AxisRecord,
+    identify_axis,
+)
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.section import Section, public_file, share_words
+from ballbot.rounding import DASH
+from campaigns.section import DataMissingError, Section, data_folder, public_file, share_words
+from tests.support.axis_joints import JOINTS, Joint
 from tests.support.axis_machines import Drive, Logging, Machine, Motion, record_of
 
 #: of the record
@@ -80,6 +91,89 @@ def _after(result: AxisIdentification) -> str:
         f"The windows last {result.window:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
         f"{' '.join(texts(result.findings))}"
     )
+
+
+_JOINT_SOURCES = (
+    "Sources: TX40: thanhndv212/figaroh-examples at c0b5c7f0, examples/staubli_TX40 (data, and values in config/"
+    "TX40_config.yaml). Panda: marcocognetti/FrankaEmikaPandaDynModel at 24d85ce4, matlab (data/Exciting_Traj/"
+    "Trajectory_1, dyn_model_panda/get_FrictionTorque.m). OpenArm: YIZHIXIAOCANGSHU/"
+    "Friction-Identification-for-Manipulators at f9157512, results."
+)
+
+
+def joints() -> Section:
+    """Identify the joints of public records and return the section of docs/generated/evidence.md."""
+    folder = data_folder()
+    if not (folder / "axes").is_dir():
+        raise DataMissingError(f"it needs {folder / 'axes'}; see docs/axis.md")
+    outcomes = {joint.name: _identified(joint.read(folder)) for joint in JOINTS}
+    refused = [f"{name}: {why}" for name, why in outcomes.items() if isinstance(why, str)]
+    return Section(
+        title="One axis: joints of arms",
+        before="Each joint from its own record, with no option but its columns. *Published*: by a regression of all "
+        "joints' torques together (TX40), a sigmoid of the speed whose level is taken for c (Panda), and a regression "
+        "with bounds after a model of the arm (OpenArm, coefficients at their bounds). Ours: with 95 % intervals. "
+        "Held-out: RMS torque of the second half of the moving rows (above 0.02 rad/s) by a fit to the first half, "
+        "over its standard deviation, torque and position low-passed at 10 Hz; *plain* is a least-squares fit of "
+        "inertia, b, c, offset and, if the axis is not vertical, gravity; *free* has any friction over speed (a broken "
+        "line of five pieces) in c's place. Units are N m, rad and s.",
+        columns=["joint", "b published", "b", "c published", "c", "held-out", "plain", "free", "it lacks"],
+        rows=[_joint_row(joint, outcomes[joint.name]) for joint in JOINTS],
+        after=f"{_JOINT_SOURCES} Refused: {' '.join(refused)}",
+    )
+
+
+def _joint_row(joint: Joint, found: AxisEstimate | str) -> list[str]:
+    values, halves = ({}, {}) if isinstance(found, str) else (found.values, found.half_widths)
+    own = [
+        f"{values[name]:.3g} ± {halves[name]:.2g}" if name in values else "refused" if not values else "none"
+        for name in ("viscous", "coulomb")
+    ]
+    texts = (
+        DASH if np.isnan(share) else f"{share:.3f}" for share in _held_out(joint, joint.read(data_folder()))
+    )
+    return [joint.name, f"{joint.viscous:g}", own[0], f"{joint.coulomb:g}", own[1], *texts, joint.lacks]
+
+
+def _identified(record: AxisRecord) -> AxisEstimate | str:
+    """Return the estimate as the command makes it, or the sentence with which it refuses the record."""
+    try:
+        errors = [finding.text for finding in record_findings(record) if finding.severity == "error"]
+        return errors[0] if errors else identify_axis(record).best
+    except InputError as error:
+        return str(error)
+
+
+def _held_out(joint: Joint, record: AxisRecord) -> tuple[float, float, float]:
+    """Return the held-out errors of ours, of the plain fit and of one with free friction, as shares of the torque."""
+    h, force, position = record.sample_time, record.force, record.position
+    if h < 2e-3:
+        numbers = scipy.signal.butter(4, 2.0 * 10.0 * h)
+        force, position = (scipy.signal.filtfilt(*numbers, values) for values in (force, position))
+    speed = np.gradient(position, h)
+    acceleration, size, side = np.gradient(speed, h), np.abs(speed), np.sign(speed)
+    moving = np.flatnonzero(size > 0.02)
+    first, second = moving[: len(moving) // 2], moving[len(moving) // 2 :]
+    columns = [acceleration, speed, np.ones(len(speed))]
+    columns += [np.sin(position), np.cos(position)] if joint.gravity else []
+    knots = np.quantile(size[first], [0.1, 0.25, 0.5, 0.75])
+    free = [side * np.maximum(size - knot, 0.0) for knot in knots]
+    errors = []
+    for design in (np.column_stack([side, *columns]), np.column_stack([side, *columns, *free])):
+        values = np.linalg.lstsq(design[first], force[first], rcond=None)[0]
+        errors.append(force - design @ values)
+    times = None if record.times is None else record.times[: second[0]]
+    half = replace(
+        record, force=record.force[: second[0]], position=record.position[: second[0]], times=times
+    )
+    left = np.full(len(force), np.nan)
+    with suppress(InputError):
+        axis = identify_axis(half).best.axis()
+        left = force - axis.other_forces(force, position, speed, acceleration) - axis.friction(speed)
+    ours, plain, broken = (
+        float(np.sqrt(np.mean(error[second] ** 2)) / np.std(force[second])) for error in (left, *errors)
+    )
+    return ours, plain, broken
 
 
 #: machines of each kind with each motion

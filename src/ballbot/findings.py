@@ -20,6 +20,7 @@ CODES: Mapping[str, str] = MappingProxyType(
     {
         "adequacy": "whether the logs may be those of the model, and up to which horizon its predictions may be",
         "alignment": "comparison of a log's sensors with motion capture",
+        "another-force": "a force beside the recorded one acts on an axis",
         "at-bound": "a parameter is at a bound",
         "ball-axes": "x and y are swapped or negated against the wheels",
         "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",

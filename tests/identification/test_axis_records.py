@@ -8,7 +8,7 @@ import scipy
 
 from ballbot.errors import InputError
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record, record_of_rows
 from ballbot.log.formats.text import write_text_table
 
 ROWS = 600
@@ -31,6 +31,18 @@ def test_uneven_rows_become_even(tmp_path: Path) -> None:
     # two straight lines over 2 ms of an acceleration of 30 m/s^2
     expected = np.interp(t[0] + record.t, T, POSITION)
     np.testing.assert_allclose(record.position[:-1], expected[:-1], atol=5e-5)
+
+
+def test_fast_rows_are_merged_with_the_impulse_of_their_force() -> None:
+    t = 2e-4 * np.arange(2003)
+    gap = t + (t > 0.2)
+    fast = record_of_rows("fast", gap, np.cos(50.0 * t), np.sin(t))
+    thin = fast.thinned()
+    assert (thin.sample_time, len(thin.parts)) == (pytest.approx(1e-3), 2)
+    np.testing.assert_array_equal(thin.position, np.interp(thin.t, fast.t, fast.position))
+    # the rows that fill no whole one are lost at the end of each part
+    assert thin.force.sum() * 5.0 == pytest.approx(fast.force.sum(), abs=9.0)
+    assert thin.thinned() is thin
 
 
 def test_rows_without_times_come_at_the_interval_that_is_given(tmp_path: Path) -> None:

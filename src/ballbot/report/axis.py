@@ -20,7 +20,7 @@ from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law"}
+_VERDICT_WORDS = {"another-force": "Another force", "force-delay": "Delay", "law": "Law"}
 #: forces that are selected in addition to the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 
@@ -92,7 +92,7 @@ def axis_report(
         for symbol, meaning, unit, value in parameter_rows(fit)
     }
     one_record = "How much parameters differ from record to record: there is one (--also adds records)."
-    mass = capital(words.pop("M"))
+    mass, judge = capital(words.pop("M")), fit.best.model.judge
     return Result(
         title=f"{', '.join(fit.records)}: mass and friction",
         lead=f"{records}{of_record}; the law {fit.law}, fitted over windows of {fit.window:.3g} s.",
@@ -117,7 +117,8 @@ def axis_report(
             "parameters": fit.best.values,
             "standard_errors": fit.best.standard_errors,
             "laws": fit.by_law,
-            "expected_elsewhere": {"position_rmse": fit.expected[0], "interval_95": fit.expected[1:]},
+            "judged_by": judge,
+            "expected_elsewhere": {f"{judge}_rmse": fit.expected[0], "interval_95": fit.expected[1:]},
             "findings": by_severity([*findings, *fit.findings]),
         },
     )
@@ -149,11 +150,12 @@ def _sections(fit: AxisIdentification, record: AxisRecord | None) -> Iterator[Se
         selected if forces else None,
         drawn_picture("friction", friction, axis_friction_figure, fit, record) if record else None,
     )
+    scale, unit = fit.best.model.error_unit(fit.unit)
     errors = [
-        (name, of, *(f"{digits(1e3 * e)} m{fit.unit}" if np.isfinite(e) else DASH for e in numbers))
+        (name, of, *(f"{digits(e)} {own}" if np.isfinite(e) else DASH for e, own in numbers))
         for name, estimate in fit.by_law.items()
         for of, error in estimate.errors.items()
-        for numbers in [(error.window_rmse, error.open_loop_rmse)]
+        for numbers in [((scale * error.window_rmse, unit), (1e3 * error.open_loop_rmse, f"m{fit.unit}"))]
     ]
     laws = (
         "Each law compared with the simpler law, on blocks that neither was fitted to; bars are 95 % intervals, with a "
@@ -162,10 +164,10 @@ def _sections(fit: AxisIdentification, record: AxisRecord | None) -> Iterator[Se
     yield section(
         "Predictions and laws",
         Sheet(
-            ("law", "record", "position, windows", "position, whole"),
+            ("law", "record", f"{fit.best.model.judge}, windows", "position, whole"),
             errors,
-            "Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
-            "first row.",
+            "Every law on each record, RMS. Windows: as fitted, positions each from its best start; whole: the record "
+            "from its first row.",
         ),
         open_loop_series(fit, record, of_record) if record and len(record.parts) == 1 else None,
         drawn_picture("laws", laws, laws_figure, fit),
@@ -183,9 +185,9 @@ def parameter_rows(fit: AxisIdentification) -> list[tuple[str, str, str, str]]:
 
 def expected_sentence(fit: AxisIdentification) -> str:
     """Return the error to expect on another record."""
-    error, low, high = (digits(1e3 * value) for value in fit.expected)
-    unit = f"m{fit.unit}"
+    scale, unit = fit.best.model.error_unit(fit.unit)
+    error, low, high = (digits(scale * value) for value in fit.expected)
     return (
-        f"On another record under these conditions the position error over windows of {fit.window:.3g} s should be "
-        f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
+        f"On another record under these conditions the {fit.best.model.judge} error over windows of {fit.window:.3g} s "
+        f"should be {error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )

@@ -36,8 +36,11 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
     # the identification itself refuses a constant force
     if np.ptp(record.force) > 0.0 and all(finding.severity != "error" for finding in findings):
         motion = motion_of(record)
-        model = with_gravity([motion], AxisModel(law="coulomb", interpolated=not record.even))
-        findings += _of_motion(record, inverse_model([motion], model))
+        plain = AxisModel(law="coulomb", interpolated=not record.even)
+        inverse = inverse_model([motion], with_gravity([motion], plain))
+        # gravity on an axis that others carry is no function of its angle, and may hide the mass
+        shown = inverse.values["mass"] > CLEAR * inverse.errors["mass"]
+        findings += _of_motion(record, inverse if shown else inverse_model([motion], plain))
     return by_severity(findings)
 
 

@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -101,12 +101,19 @@ class AxisModel:
     interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
     known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
     held: tuple[str, ...] = ("stribeck_exponent",)  #: others that keep their defaults
+    judge: Literal["position", "force"] = (
+        "position"  #: of the fit: positions over windows, or the balance of forces
+    )
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the estimated parameters."""
         every = (*LAWS[self.law][0], *(name for force in self.forces for name in FORCES[force]))
         return tuple(name for name in every if name not in self.known)
+
+    def error_unit(self, axis_unit: str) -> tuple[float, str]:
+        """Return the unit in which errors of the fit are shown, and its factor."""
+        return (1.0, "N" if axis_unit == "m" else "N m") if self.judge == "force" else (1e3, f"m{axis_unit}")
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
