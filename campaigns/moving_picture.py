@@ -41,7 +41,9 @@ def main() -> None:
             tab.page.click("button.play")  # which it does by itself
             count = round(DURATION / SPEED * RATE)
             first, *others = [frame(tab, START + k * SPEED / RATE) for k in range(count)]
-    first.save(PATH, save_all=True, append_images=others, duration=1000.0 / RATE, loop=0, quality=60, method=6)
+    first.save(
+        PATH, save_all=True, append_images=others, duration=1000.0 / RATE, loop=0, quality=60, method=6
+    )
     print(f"{PATH}: {count} frames, {PATH.stat().st_size} bytes")
 
 
