@@ -1,4 +1,4 @@
-"""Film the replay of `ballbot demo` around the square, as the picture with which the README opens.
+"""Record the replay of `ballbot demo` around the square, as the animation with which the README opens.
 
 .venv/bin/python -m campaigns.moving_picture
 
@@ -31,7 +31,7 @@ def frame(tab: Tab, time: float) -> Image.Image:
 
 
 def main() -> None:
-    """Film the replay and write the file."""
+    """Record the replay and write the file."""
     page = replay_page(read_runs(), robot_of_runs(), title="demo")
     with tempfile.TemporaryDirectory() as folder, headless_browser() as browser:
         path = Path(folder) / "replay.html"

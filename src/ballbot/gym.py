@@ -25,7 +25,7 @@ from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import Twins, twin_scenario
 from ballbot.robot import RobotLike, as_robot
-from ballbot.twin.picture import Picture
+from ballbot.twin.rendering import StateRenderer
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 
@@ -145,15 +145,13 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
     render_mode: str | None = None
 
     def __post_init__(self) -> None:
-        modes = ("rgb_array", "human")
         if self.render_mode is not None:
-            check_known(
-                self.render_mode, modes, f"render_mode is {self.render_mode!r}", otherwise="it is one of"
-            )
+            given, modes = f"render_mode is {self.render_mode!r}", self.metadata["render_modes"]
+            check_known(self.render_mode, modes, given, otherwise="it is one of")
         self._prepare(1, 1)
         self.observation_space, self.action_space = self._seen, self._done
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.contract.period)}
-        self._picture = Picture(self.robot) if self.render_mode == "rgb_array" else None
+        self._renderer = StateRenderer(self.robot) if self.render_mode else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -181,17 +179,15 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (480, 480, 3) of the robot, with a mark where it should be; None without `render_mode`."""
-        return (
-            None
-            if self._picture is None
-            else self._picture.frame(self._lanes.truths[0], self._lanes.references[0])
-        )
+        if self._renderer is None:
+            return None
+        return self._renderer.frame(self._lanes.truths[0], self._lanes.references[0])
 
     def close(self, **_: object) -> None:
         """End the threads and what draws."""
         super().close()
-        if self._picture is not None:
-            self._picture.close()
+        if self._renderer is not None:
+            self._renderer.close()
 
     def _info(self) -> dict[str, Any]:
         return {"truth": self._lanes.truths[0].copy(), "reference": self._lanes.references[0].copy()}

@@ -213,3 +213,5 @@ def test_nominal_gain_is_at_most_twice_as_fast_as_the_robot_falls(name):
     # the frozen gain where it is slow enough, as on all presets but the light robot with strong motors
     assert (np.abs(fixed.poles).max() > 2.0 * falling) == (name == "rob311")
     assert np.array_equal(by_rule.gain, fixed.gain) == (name != "rob311")
+    # and wheels that shake in their play are not to shake the state that it acts on
+    assert nominal_controller(robot).estimator == ("kalman" if name == "rob311" else "onboard")

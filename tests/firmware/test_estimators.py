@@ -103,8 +103,8 @@ def test_kalman_filter_is_python_s_but_for_rounding(run):
     # in single precision, as on the robot
     of_c = Compiled("kalman", kept.robot)
     error = apart(kept, [of_c.update(reading) for reading in kept.given])
-    # some tens of roundings of numbers of order one; 6e-7 measured, and 4e-6 where the wheels count again after a slip:
-    # their speed is then taken whole
+    # some tens of roundings of numbers of order one; 6e-7 measured, and 4e-6 with four wheels
+    # just after a slip
     assert (error < 1e-5).all()
     found, P = covariance_in(of_c.memory), all_covariances(kept)
     scale = np.sqrt(np.outer(np.diagonal(P), np.diagonal(P)))

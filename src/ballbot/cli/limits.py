@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result
-from ballbot.control.controller import certain_grip
+from ballbot.control.controller import assumed_grip
 from ballbot.control.source import designed
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
@@ -54,7 +54,7 @@ def limits(
     chosen = {one.name: designed(one.controller(described), name=one.name) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    truth, grip = load_scenario(scenario, described), grip or certain_grip(described) or 1.0
+    truth, grip = load_scenario(scenario, described), grip or assumed_grip(described)
     models, twins = dict[str, RobotLimits](), dict[str, Sequence[TwinLimit]]()
     with open_result(out, doing="limits", seed=seed) as result:
         for name, controller in chosen.items():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import Content, changed_robot, open_result
-from ballbot.control.controller import certain_grip
+from ballbot.control.controller import assumed_grip
 from ballbot.control.file import controller_text
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
@@ -102,7 +102,7 @@ def plan(
         torque=chosen.torque_limit if torque is None else torque,
         lean=math.radians(lean),
         speed=math.inf if speed is None else speed,
-        grip=grip or certain_grip(described) or 1.0,
+        grip=grip or assumed_grip(described),
         reserve=0.01 * reserve,
         floor_grip=floor_grip,
         pivot=pivot,

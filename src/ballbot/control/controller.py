@@ -80,6 +80,11 @@ def certain_grip(robot: Robot) -> float:
     return max(robot.wheels.grip - _GRIP_DEVIATIONS * deviation, 0.0)
 
 
+def assumed_grip(robot: Robot) -> float:
+    """Return `certain_grip`, or 1, that of rubber on rubber, if it is unknown."""
+    return certain_grip(robot) or 1.0
+
+
 def grip_torque_limit(robot: Robot) -> float:
     """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit.
 

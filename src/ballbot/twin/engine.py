@@ -112,7 +112,8 @@ class Engine:
         return _evenly_spaced([int(self.model.joint(f"{kind} {i}").dofadr[0]) for i in (1, 2)], count)
 
 
-def mujoco_module():  # the module has no types
+def mujoco_module():  # which has no types
+    """Return MuJoCo; InputError if it is not installed."""
     try:
         import mujoco
     except ImportError:

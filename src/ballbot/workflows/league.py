@@ -33,7 +33,6 @@ DEFAULT_CONTROLLERS = ("none", "full", "partial")
 #: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
-
 #: of the largest push, and the largest that is tried over the bound, which holds to first order
 _HALVINGS, _BEYOND_BOUND = 9, 1.1
 
@@ -236,10 +235,10 @@ def _largest_pushes(
         plants = [course.plant(robot, search.push(impulse, seed)) for seed, impulse in pushed]
         conditions = [_condition(course, plant, seed) for seed, plant in zip(seeds, plants, strict=True)]
         answers = solve(grid_runs(dict([named]), conditions)).answers
-        stood = np.array([score.ended is None for score, _ in answers])
-        low, high = np.where(stood, middle, low), np.where(stood, high, middle)
-        kept = zip(answers, best or answers, stood.tolist(), strict=True)
-        best = [new if stands else old for new, old, stands in kept]
+        recovered = np.array([score.ended is None for score, _ in answers])
+        low, high = np.where(recovered, middle, low), np.where(recovered, high, middle)
+        pairs = zip(recovered.tolist(), answers, best or answers, strict=True)
+        best = [new if better else old for better, new, old in pairs]
     found = zip(best, low.tolist(), strict=True)
     return tuple((replace(score, largest_impulse=impulse), track) for (score, track), impulse in found)
 

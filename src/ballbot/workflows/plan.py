@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.arrays import Floats, positive_number, real_array
-from ballbot.control.controller import Controller, certain_grip, grip_torque_limit
+from ballbot.control.controller import Controller, assumed_grip, grip_torque_limit
 from ballbot.control.references import Reference, read_poses, sampled_reference, write_reference
 from ballbot.errors import InputError, every
 from ballbot.log import Log
@@ -164,7 +164,7 @@ def plan(
 def default_limits(robot: RobotLike) -> MoveLimits:
     """Return the limits of the precise controller: its torque, which keeps the wheels' grip, and a lean of 0.35 rad."""
     robot = as_robot(robot)
-    return MoveLimits(torque=grip_torque_limit(robot), grip=certain_grip(robot) or 1.0)
+    return MoveLimits(torque=grip_torque_limit(robot), grip=assumed_grip(robot))
 
 
 def _leg_to(planner: Planner, pose: Floats, time: float, course: PlannedPath | None = None) -> Leg:

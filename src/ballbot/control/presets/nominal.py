@@ -22,7 +22,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, frictionless_model, held, lqr
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.estimation.kalman_model import FilterNoise
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
@@ -59,7 +59,7 @@ def design_gain(
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
     plain, viscous = frictionless_model(robot).linearize(), Model(robot).linearize()
-    fastest = FASTEST * _falling(robot)
+    fastest = FASTEST * _falling(plain)
     weights = np.full(robot.wheel_count, NOMINAL_TORQUE_WEIGHT if torque_weight is None else torque_weight)
     design = lqr(plain, state_weights, weights, sample_time=time)
     while torque_weight is None and np.abs(design.poles).max() > fastest:
@@ -84,13 +84,14 @@ def _with_gain(
     moved = np.array(FilterNoise.of(robot).counts[:2]) / (robot.sensors.sample_time if time is None else time)
     flicker = float(np.abs(design.gain[:, 5:7] * moved).max())
     coarse = flicker > COUNT_TORQUE * robot.drive.torque_limit
-    fast = np.abs(design.poles).max() > SMOOTH * _falling(robot)
+    fast = np.abs(design.poles).max() > SMOOTH * _falling(frictionless_model(robot).linearize())
     estimator = "kalman" if coarse or fast else "onboard"
     return Controller(known, design.gain, sample_time=time, compensation=compensation, estimator=estimator)
 
 
-def _falling(robot: Robot) -> float:
-    return float(frictionless_model(robot).linearize().poles().real.max())
+def _falling(upright: LinearModel) -> float:
+    """Return the rate at which a robot falls [rad/s]."""
+    return float(upright.poles().real.max())
 
 
 KIND = ControllerKind(

@@ -163,9 +163,8 @@ def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[FitPar
 class AxisErrors:
     """Prediction errors on a record."""
 
-    window_rmse: (
-        float  #: as fitted: of positions over windows, from their best starts [m], or of the force [N]
-    )
+    #: as fitted: of the position over windows, from their best starts [m], or of the force [N]
+    window_rmse: float
     open_loop_rmse: float  #: of the position over the complete record, from its start [m]; NaN with gaps
 
 
@@ -583,7 +582,7 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
 
 
 def _expected(squares: Floats) -> tuple[float, float, float]:
-    """Return the error [m or N] of held-out windows with mean squares (w,), and its 95 % interval on a like record."""
+    """Return the error [m or N] of held-out windows with mean squares (w,), and its 95 % interval on a similar one."""
     means = np.array([squares[block].mean() for block in blocks_of(len(squares))])
     drawn = np.sqrt(resamples(len(means), repeats=_DRAWS, seed=_SEED) @ means / len(means))
     middle = float(np.sqrt(squares.mean()))
@@ -598,8 +597,9 @@ def _another_force(best: AxisEstimate) -> Iterator[Finding]:
         text = (
             f"Another force acts, as where joints move together: {best.rms:.3g} {best.motions[0].record.force_unit} "
             f"RMS, {100.0 * best.rms / np.std(np.concatenate(forces)):.0f} % of the force, are no function of this "
-            "axis's motion by any of the laws. Positions do not tell it from friction, so the balance of forces gives "
-            "the parameters. Its cause, if known, can be added in a mapping; a longer record narrows the intervals."
+            "axis's motion by any of the laws. Positions do not distinguish it from friction, so the balance of forces "
+            "gives the parameters. Its cause, if known, can be added in a mapping; a longer record narrows the "
+            "intervals."
         )
         yield warning("another-force", text, "force")
 

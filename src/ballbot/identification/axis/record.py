@@ -110,10 +110,8 @@ class AxisRecord:
         if count < 2:
             return self
         rows = np.concatenate([np.arange(first, end - count + 1, count) for first, end in self.parts])
-        impulse, times = (
-            np.append(0.0, np.cumsum(self.force)),
-            None if self.times is None else self.times[rows],
-        )
+        impulse = np.append(0.0, np.cumsum(self.force))
+        times = None if self.times is None else self.times[rows]
         force, h = (impulse[rows + count] - impulse[rows]) / count, count * self.sample_time
         return replace(self, sample_time=h, force=force, position=self.position[rows], times=times)
 

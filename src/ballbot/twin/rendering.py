@@ -24,7 +24,7 @@ _SQUARE, _FLOOR, _MARK = 0.5, ("0.80 0.82 0.85", "0.72 0.75 0.79"), (0.1, 0.5, 0
 _SIZE = 480  #: height and width of a frame [px]
 
 
-class Picture:
+class StateRenderer:
     """Draws states of a robot on a level floor, as a camera sees it that goes with the robot.
 
     Parameters
@@ -38,7 +38,7 @@ class Picture:
 
     Examples
     --------
-    >>> Picture("alten").frame(np.zeros(10), np.zeros(10)).shape  # doctest: +SKIP
+    >>> StateRenderer("alten").frame(np.zeros(10), np.zeros(10)).shape  # doctest: +SKIP
     (480, 480, 3)
     """
 
